@@ -1,0 +1,118 @@
+//! The instrument in the capacities of a board or of the desk.
+
+use clap::ValueEnum;
+use freshet::control::Control;
+use freshet::mix::Output;
+use freshet::observer::Observer;
+use freshet::profile::{F407, F411, H743, Profile};
+use freshet::scene::Scene;
+use freshet::stats::Stats;
+use freshet::voices::{Strike, Voice};
+use freshet::{Frame, Instrument};
+
+/// The desk's capacities: 12 288 voices sounding, a million births a second.
+#[derive(Clone, Copy, Debug)]
+pub struct Desk;
+
+impl Profile for Desk {
+    const NAME: &'static str = "desk";
+    const VOICES: usize = 16_384;
+    const MAX_RATE: f32 = 1_000_000.0;
+    const BIRTHS_PER_BLOCK: u32 = 8_192;
+    type Voices = Box<[Voice]>;
+    fn voices() -> Self::Voices {
+        vec![Voice::default(); Self::VOICES].into_boxed_slice()
+    }
+}
+
+/// Whose capacities to play with.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum Board {
+    /// No board: the desk's own capacities.
+    Desk,
+    /// STM32F407, 168 MHz.
+    F407,
+    /// STM32F411, 100 MHz.
+    F411,
+    /// STM32H743, 480 MHz.
+    H743,
+}
+
+/// An instrument of any profile.
+pub trait Player {
+    /// Fills `out`.
+    fn render(&mut self, out: &mut [Frame]);
+    /// Fills `out` and tells `observer` of every birth.
+    fn render_observed(&mut self, out: &mut [Frame], observer: &mut dyn Observer);
+    /// Sounds a single bubble, counted from the next block's first frame.
+    fn strike(&mut self, strike: &Strike, observer: &mut dyn Observer);
+    /// The control path.
+    fn control(&mut self) -> &mut Control;
+    /// Counters since the start.
+    fn stats(&self) -> Stats;
+    /// Voices sounding now.
+    fn voices(&self) -> usize;
+    /// Whether no bubble rings.
+    fn is_silent(&self) -> bool;
+    /// Continues counting from elsewhere.
+    fn preset_counters(&mut self, frame: u64, stats: Stats);
+}
+
+impl<P: Profile> Player for Instrument<P> {
+    fn render(&mut self, out: &mut [Frame]) {
+        self.render(out, &mut ());
+    }
+    fn render_observed(&mut self, out: &mut [Frame], mut observer: &mut dyn Observer) {
+        self.render(out, &mut observer);
+    }
+    fn strike(&mut self, strike: &Strike, mut observer: &mut dyn Observer) {
+        self.strike(strike, &mut observer);
+    }
+    fn control(&mut self) -> &mut Control {
+        &mut self.control
+    }
+    fn stats(&self) -> Stats {
+        *self.synth().stats()
+    }
+    fn voices(&self) -> usize {
+        self.synth().voices()
+    }
+    fn is_silent(&self) -> bool {
+        self.synth().is_silent()
+    }
+    fn preset_counters(&mut self, frame: u64, stats: Stats) {
+        self.synth_mut().preset_counters(frame, stats);
+    }
+}
+
+impl Board {
+    /// The instrument, playing `scene` at `rate` Hz.
+    pub fn player(self, scene: &Scene, rate: u32, seed: u64, output: Output) -> Box<dyn Player> {
+        match self {
+            Self::Desk => Box::new(Instrument::<Desk>::new(scene, rate, seed, output)),
+            Self::F407 => Box::new(Instrument::<F407>::new(scene, rate, seed, output)),
+            Self::F411 => Box::new(Instrument::<F411>::new(scene, rate, seed, output)),
+            Self::H743 => Box::new(Instrument::<H743>::new(scene, rate, seed, output)),
+        }
+    }
+
+    /// Most births a second.
+    pub fn max_rate(self) -> f32 {
+        match self {
+            Self::Desk => Desk::MAX_RATE,
+            Self::F407 => F407::MAX_RATE,
+            Self::F411 => F411::MAX_RATE,
+            Self::H743 => H743::MAX_RATE,
+        }
+    }
+
+    /// The name on the command line.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Desk => Desk::NAME,
+            Self::F407 => F407::NAME,
+            Self::F411 => F411::NAME,
+            Self::H743 => H743::NAME,
+        }
+    }
+}

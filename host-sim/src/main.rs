@@ -1,0 +1,105 @@
+//! The command `freshet`.
+
+use std::io::Write;
+use std::path::Path;
+use std::process::ExitCode;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+
+use anyhow::{Context, Result};
+use clap::{Parser, Subcommand};
+use freshet_host::{bench, list, render};
+
+/// Water and fire from physics: render scenes, hear them, measure them.
+#[derive(Debug, Parser)]
+#[command(name = "freshet", version)]
+struct Cli {
+    #[command(subcommand)]
+    command: Command,
+}
+
+#[derive(Debug, Subcommand)]
+enum Command {
+    /// Render a scene or a file of bubble events to a WAV
+    Render(render::Request),
+    /// List the scenes
+    List,
+    /// Show parameters: current value, default, range, unit
+    Describe {
+        /// A parameter, or a group such as `water` [default: all]
+        path: Option<String>,
+        /// Take the current values from this scene
+        #[arg(long)]
+        scene: Option<String>,
+    },
+    /// Play a scene on the sound card
+    Play {
+        /// A scene or a scene file
+        scene: String,
+        /// The same seed gives the same sound
+        #[arg(long, default_value_t = 1)]
+        seed: u64,
+        /// Set a parameter; may be given again
+        #[arg(long = "set", value_name = "PATH=VALUE")]
+        set: Vec<String>,
+    },
+    /// Measure the speed of this machine against real time
+    Bench(bench::Request),
+}
+
+fn main() -> ExitCode {
+    match run(Cli::parse()) {
+        Ok(code) => code,
+        Err(error) => {
+            eprintln!("error: {error:#}");
+            ExitCode::from(2)
+        }
+    }
+}
+
+fn run(cli: Cli) -> Result<ExitCode> {
+    match cli.command {
+        Command::Render(request) => {
+            let stop = Arc::new(AtomicBool::new(false));
+            let flag = Arc::clone(&stop);
+            ctrlc::set_handler(move || flag.store(true, Ordering::Relaxed))
+                .context("cannot catch Ctrl-C")?;
+            let report = render::render(&request, &stop)?;
+            if report.output == Path::new("-") {
+                eprintln!("{}", report.summary());
+            } else {
+                say(&report.summary())?;
+            }
+            // As a shell reports a program that Ctrl-C ended.
+            Ok(if report.interrupted { ExitCode::from(130) } else { ExitCode::SUCCESS })
+        }
+        Command::List => say(&list::list()?),
+        Command::Describe { path, scene } => {
+            say(&list::describe(path.as_deref(), scene.as_deref())?)
+        }
+        Command::Play { scene, seed, set } => play(&scene, seed, &set),
+        Command::Bench(request) => say(&bench::bench(&request)?),
+    }
+}
+
+/// Prints to the standard output; nobody reading it is no fault.
+fn say(text: &str) -> Result<ExitCode> {
+    match writeln!(std::io::stdout(), "{text}") {
+        Err(error) if error.kind() != std::io::ErrorKind::BrokenPipe => Err(error.into()),
+        _ => Ok(ExitCode::SUCCESS),
+    }
+}
+
+#[cfg(feature = "play")]
+fn play(scene: &str, seed: u64, set: &[String]) -> Result<ExitCode> {
+    freshet_host::play::play(scene, seed, set)?;
+    Ok(ExitCode::SUCCESS)
+}
+
+#[cfg(not(feature = "play"))]
+fn play(_scene: &str, _seed: u64, _set: &[String]) -> Result<ExitCode> {
+    anyhow::bail!(
+        "this freshet was built without a sound card; build it with `cargo run --release -p freshet-host --features play -- play …` \
+         (on Debian and Ubuntu that needs the package libasound2-dev), or use `freshet render`"
+    )
+}

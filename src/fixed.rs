@@ -1,0 +1,79 @@
+//! Fixed point: the few operations and tables the audio path is made of.
+
+include!(concat!(env!("OUT_DIR"), "/tables.rs"));
+
+/// Bus units in a pascal at 1 m: the bus is Q26 and holds ±32 Pa.
+pub const PASCAL: i32 = 1 << 26;
+/// Pressure at 1 m that is digital full scale, Pa.
+pub const FULL_SCALE_PA: i32 = 1;
+/// Digital full scale in bus units.
+pub const FULL_SCALE: i32 = FULL_SCALE_PA * PASCAL;
+/// Largest pressure a single bubble may have, Pa.
+pub const BUBBLE_MAX_PA: i32 = 8;
+
+/// High word of the product, rounded to nearest (SMMULR).
+#[inline(always)]
+pub fn mul_high(a: i32, b: i32) -> i32 {
+    ((i64::from(a) * i64::from(b) + (1 << 31)) >> 32) as i32
+}
+
+/// Sine of `phase` (2^32 to the turn), Q31, within 5e-6 of full scale.
+#[inline(always)]
+pub fn sine(phase: u32) -> i32 {
+    let i = (phase >> 22) as usize;
+    interpolate(SINE[i], SINE[i + 1], phase << 10)
+}
+
+/// Sine and cosine of `phase`.
+#[inline(always)]
+pub fn sine_cosine(phase: u32) -> (i32, i32) {
+    let i = (phase >> 22) as usize;
+    let t = phase << 10;
+    (
+        interpolate(SINE[i], SINE[i + 1], t),
+        interpolate(SINE[i + 256], SINE[i + 257], t),
+    )
+}
+
+/// From `a` to `b` by the fraction `t` (Q32); the two are neighbours in a table, so their difference is small.
+#[inline(always)]
+fn interpolate(a: i32, b: i32, t: u32) -> i32 {
+    let step = b.wrapping_sub(a) << 1;
+    a.wrapping_add(mul_high(step, (t >> 1) as i32))
+}
+
+/// `-log2(n / 2^32)`, Q26, within 3e-6; 0 is taken as 1.
+#[inline(always)]
+pub fn neg_log2(n: u32) -> u32 {
+    let n = n | 1;
+    let zeros = n.leading_zeros();
+    let mantissa = n << zeros;
+    let i = (mantissa >> 23 & 0xff) as usize;
+    let t = mantissa & 0x7f_ffff;
+    let low = LOG2[i];
+    let log = low + (((LOG2[i + 1] - low) as u64 * t as u64) >> 23) as u32;
+    ((zeros + 1) << 26) - log
+}
+
+/// `2^-x` for `x` in Q20, as Q31, within 1e-6 relative.
+#[inline(always)]
+pub fn exp2_neg(x: u32) -> u32 {
+    let whole = x >> 20;
+    if whole >= 31 {
+        return 0;
+    }
+    let i = (x >> 12 & 0xff) as usize;
+    let high = EXP2[i];
+    let drop = (u64::from(high - EXP2[i + 1]) * u64::from(x & 0xfff)) >> 12;
+    (high - drop as u32) >> whole
+}
+
+/// A number in `[-limit, limit]`, rounded and scaled by 2^`bits`, in an i32. NaN becomes 0.
+pub fn to_fixed(value: f64, bits: i32) -> i32 {
+    libm::round(libm::scalbn(value, bits)) as i32
+}
+
+/// A number from 0, rounded and scaled by 2^`bits`, in a u64. NaN and negatives become 0.
+pub fn to_fixed_u64(value: f64, bits: i32) -> u64 {
+    libm::round(libm::scalbn(value, bits)) as u64
+}

@@ -1,0 +1,235 @@
+//! From the bus in pascal to the converter: level, DC blocker, tone, limiter, dither.
+
+use crate::fixed::{FULL_SCALE, to_fixed};
+use crate::frame::{BLOCK, Block, Frame, TICK};
+use crate::limiter::Limiter;
+use crate::random::{Random, Stream};
+use crate::stats::Stats;
+
+/// What comes out.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Output {
+    /// The bus after the level: units of 2^-26 Pa, no DC blocker, tone, limiter or dither. For measuring.
+    Raw,
+    /// 16-bit samples.
+    Bits16,
+    /// 24-bit samples.
+    Bits24,
+}
+
+impl Output {
+    /// Bits between the bus and the sample.
+    fn shift(self) -> u32 {
+        let bits = match self {
+            Self::Raw => return 0,
+            Self::Bits16 => 15,
+            Self::Bits24 => 23,
+        };
+        FULL_SCALE.trailing_zeros() - bits
+    }
+}
+
+/// Corner of the tone control, Hz.
+pub const TONE_CORNER: f64 = 1000.0;
+/// The DC blocker's time constant is 2^12 samples: 1.9 Hz at 48 kHz.
+const DC_SHIFT: u32 = 12;
+/// Frames of exact silence after which the dither stops too.
+const DITHER_TAIL: u32 = 1024;
+/// Gains are Q24: up to +42 dB.
+const UNITY: i32 = 1 << 24;
+
+/// What the mix needs of the parameters.
+#[derive(Clone, Copy, Debug)]
+pub struct Settings {
+    /// Level, Q24.
+    level: i32,
+    /// Gain below the tone's corner, Q24.
+    low: i32,
+    /// Gain above it, Q24.
+    high: i32,
+    /// One-pole coefficient of the corner, Q31.
+    corner: i32,
+    limiter: bool,
+}
+
+impl Settings {
+    /// `level` and `tone` in dB; tone is the tilt from far below to far above 1 kHz.
+    pub fn new(level: f64, tone: f64, limiter: bool, sample_rate: f64) -> Self {
+        let gain = |db: f64| {
+            if db <= -120.0 {
+                0
+            } else {
+                to_fixed(libm::exp10(db / 20.0), 24)
+            }
+        };
+        let corner = 1.0 - libm::exp(-2.0 * core::f64::consts::PI * TONE_CORNER / sample_rate);
+        Self {
+            level: gain(level),
+            low: gain(-tone / 2.0),
+            high: gain(tone / 2.0),
+            corner: to_fixed(corner, 31),
+            limiter,
+        }
+    }
+}
+
+/// A gain on its way to where it should be, a step each frame.
+#[derive(Clone, Copy, Debug)]
+struct Glide {
+    /// Q24 with 16 further bits.
+    now: i64,
+    step: i64,
+    target: i32,
+    left: u32,
+}
+
+impl Glide {
+    fn at(target: i32) -> Self {
+        Self {
+            now: i64::from(target) << 16,
+            step: 0,
+            target,
+            left: 0,
+        }
+    }
+
+    fn aim(&mut self, target: i32) {
+        self.target = target;
+        self.left = TICK as u32;
+        self.step = ((i64::from(target) << 16) - self.now) / TICK as i64;
+    }
+
+    #[inline(always)]
+    fn next(&mut self) -> i32 {
+        if self.left > 0 {
+            self.left -= 1;
+            self.now += self.step;
+            if self.left == 0 {
+                self.now = i64::from(self.target) << 16;
+            }
+        }
+        (self.now >> 16) as i32
+    }
+}
+
+/// One ear's filters.
+#[derive(Clone, Copy, Debug, Default)]
+struct Ear {
+    /// Running mean, with `DC_SHIFT` further bits.
+    dc: i64,
+    /// What is below the tone's corner, Q32.32.
+    low: i64,
+}
+
+impl Ear {
+    #[inline(always)]
+    fn filter(&mut self, x: i32, corner: i32, low: i32, high: i32) -> i32 {
+        let mean = self.dc >> DC_SHIFT;
+        let x = i64::from(saturate(i64::from(x) - mean));
+        self.dc += x;
+        let above = saturate(x - (self.low >> 32));
+        self.low += (i64::from(above) * i64::from(corner)) << 1;
+        let below = self.low >> 32;
+        saturate((below * i64::from(low) + (x - below) * i64::from(high)) >> 24)
+    }
+}
+
+#[inline(always)]
+fn saturate(x: i64) -> i32 {
+    x.clamp(i64::from(i32::MIN), i64::from(i32::MAX)) as i32
+}
+
+#[inline(always)]
+fn amplify(x: i32, gain: i32) -> i32 {
+    if gain == UNITY {
+        return x;
+    }
+    saturate((i64::from(x) * i64::from(gain) + (1 << 23)) >> 24)
+}
+
+/// The mix's state.
+#[derive(Clone, Debug)]
+pub struct Mix {
+    output: Output,
+    level: Glide,
+    low: Glide,
+    high: Glide,
+    corner: i32,
+    limiting: bool,
+    ears: [Ear; 2],
+    limiter: Limiter,
+    random: Random,
+    /// Frames since the last sample that was not zero.
+    silence: u32,
+}
+
+impl Mix {
+    /// A mix at rest, already at its settings.
+    pub fn new(output: Output, seed: u64, settings: &Settings, sample_rate: f64) -> Self {
+        Self {
+            output,
+            level: Glide::at(settings.level),
+            low: Glide::at(settings.low),
+            high: Glide::at(settings.high),
+            corner: settings.corner,
+            limiting: settings.limiter,
+            ears: [Ear::default(); 2],
+            limiter: Limiter::new(sample_rate),
+            random: Random::new(seed, Stream::Dither),
+            silence: DITHER_TAIL,
+        }
+    }
+
+    /// Glides to new settings over the next tick.
+    pub fn apply(&mut self, settings: &Settings) {
+        self.level.aim(settings.level);
+        self.low.aim(settings.low);
+        self.high.aim(settings.high);
+        self.corner = settings.corner;
+        self.limiting = settings.limiter;
+    }
+
+    /// Turns a block of the bus into a block of output.
+    pub fn render(&mut self, block: &mut Block, stats: &mut Stats) {
+        for frame in block.iter_mut() {
+            let level = self.level.next();
+            frame.left = amplify(frame.left, level);
+            frame.right = amplify(frame.right, level);
+        }
+        if self.output == Output::Raw {
+            return;
+        }
+        for frame in block.iter_mut() {
+            let (low, high) = (self.low.next(), self.high.next());
+            let [left, right] = &mut self.ears;
+            frame.left = left.filter(frame.left, self.corner, low, high);
+            frame.right = right.filter(frame.right, self.corner, low, high);
+        }
+        self.limiter.render(block, self.limiting, stats);
+        self.dither(block);
+    }
+
+    fn dither(&mut self, block: &mut [Frame; BLOCK]) {
+        let shift = self.output.shift();
+        let top = (FULL_SCALE >> shift) - 1;
+        for frame in block {
+            if *frame == Frame::ZERO {
+                self.silence = (self.silence + 1).min(DITHER_TAIL);
+                if self.silence == DITHER_TAIL {
+                    continue;
+                }
+            } else {
+                self.silence = 0;
+            }
+            for x in [&mut frame.left, &mut frame.right] {
+                // Triangular, ±1 of the last bit: the difference of two uniform numbers.
+                let bits = self.random.bits();
+                let noise = (bits >> (32 - shift)) as i32 - ((bits & 0xffff) >> (16 - shift)) as i32;
+                *x = ((*x + noise + (1 << (shift - 1))) >> shift).clamp(-top - 1, top);
+            }
+        }
+    }
+}
+
+/// The limiter's ceiling, bus units: four 16-bit steps below full scale, for the dither.
+pub const CEILING: i32 = FULL_SCALE - 4 * (FULL_SCALE >> 15);

@@ -1,0 +1,51 @@
+//! What a board can hold: a set of compile-time capacities.
+
+use crate::voices::Voice;
+
+/// A board's capacities. The same profile, seed, scene and events give the same samples on every machine.
+pub trait Profile: Clone + core::fmt::Debug {
+    /// The name on the command line.
+    const NAME: &'static str;
+    /// Slots for voices; three quarters of them may sound at once, the rest are for stolen ones that fade.
+    const VOICES: usize;
+    /// Most births a second.
+    const MAX_RATE: f32;
+    /// Most births in a block: far beyond what chance makes of `MAX_RATE`.
+    const BIRTHS_PER_BLOCK: u32;
+    /// Where voices live.
+    type Voices: AsRef<[Voice]> + AsMut<[Voice]> + Clone + core::fmt::Debug;
+    /// `VOICES` idle slots.
+    fn voices() -> Self::Voices;
+}
+
+macro_rules! board {
+    ($(#[$doc:meta])* $type:ident, $name:literal, $voices:literal, $rate:literal, $births:literal) => {
+        $(#[$doc])*
+        #[derive(Clone, Copy, Debug)]
+        pub struct $type;
+
+        impl Profile for $type {
+            const NAME: &'static str = $name;
+            const VOICES: usize = $voices;
+            const MAX_RATE: f32 = $rate;
+            const BIRTHS_PER_BLOCK: u32 = $births;
+            type Voices = [Voice; $voices];
+            fn voices() -> Self::Voices {
+                [Voice::default(); $voices]
+            }
+        }
+    };
+}
+
+board!(
+    /// STM32F411, 100 MHz.
+    F411, "f411", 32, 100_000.0, 160
+);
+board!(
+    /// STM32F407, 168 MHz.
+    F407, "f407", 64, 200_000.0, 280
+);
+board!(
+    /// STM32H743, 480 MHz.
+    H743, "h743", 256, 500_000.0, 600
+);

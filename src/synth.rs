@@ -1,0 +1,191 @@
+//! The instrument: [`Synth`] is the audio path, [`Instrument`] is the audio path with its control path.
+
+use crate::control::{Control, Update};
+use crate::frame::{BLOCK, BLOCKS_PER_TICK, Block, Frame};
+use crate::mix::{Mix, Output};
+use crate::observer::{Birth, Observer, Path};
+use crate::population::Population;
+use crate::profile::Profile;
+use crate::scene::Scene;
+use crate::stats::Stats;
+use crate::voices::{Start, Strike, Voices};
+
+/// The audio path: every source, then the mix. Integer arithmetic only.
+#[derive(Clone, Debug)]
+pub struct Synth<P: Profile> {
+    population: Population,
+    voices: Voices<P::Voices>,
+    mix: Mix,
+    stats: Stats,
+    frame: u64,
+}
+
+impl<P: Profile> Synth<P> {
+    /// A silent instrument that starts with the settings of `control`.
+    pub fn new(seed: u64, output: Output, control: &Control, sample_rate: u32) -> Self {
+        let (water, mix) = control.settings();
+        let mut population = Population::new(seed, P::BIRTHS_PER_BLOCK);
+        population.apply(water);
+        Self {
+            population,
+            voices: Voices::new(P::voices()),
+            mix: Mix::new(output, seed, mix, f64::from(sample_rate)),
+            stats: Stats::default(),
+            frame: 0,
+        }
+    }
+
+    /// Takes what a tick of the control path changed, before the tick's first block.
+    pub fn apply<O: Observer>(&mut self, update: &Update<'_>, observer: &mut O) {
+        if let Some(water) = update.water {
+            self.population.apply(water);
+        }
+        if let Some(mix) = update.mix {
+            self.mix.apply(mix);
+        }
+        for strike in update.strikes {
+            self.strike(strike, observer);
+        }
+    }
+
+    /// Sounds a single bubble, counted from the next block's first frame.
+    pub fn strike<O: Observer>(&mut self, strike: &Strike, observer: &mut O) {
+        let stats = &mut self.stats;
+        stats.births = stats.births.wrapping_add(1);
+        stats.events = stats.events.wrapping_add(1);
+        let path = if !strike.pitch.sounds() {
+            stats.too_high = stats.too_high.wrapping_add(1);
+            Path::TooHigh
+        } else {
+            let voice = strike.pitch.start(strike.age, strike.delay, strike.gain);
+            match self.voices.start(voice) {
+                Start::Sounds => Path::Voice,
+                Start::Stole => {
+                    stats.stolen = stats.stolen.wrapping_add(1);
+                    Path::Voice
+                }
+                Start::Refused => {
+                    stats.dropped = stats.dropped.wrapping_add(1);
+                    Path::Dropped
+                }
+            }
+        };
+        observer.birth(&Birth {
+            frame: self.frame.wrapping_add(u64::from(strike.delay)).wrapping_sub(1),
+            fraction: (1 << 27) - strike.age,
+            radius: strike.pitch.radius,
+            rise_factor: strike.pitch.rise_factor,
+            gain: strike.gain,
+            class: u8::MAX,
+            path,
+        });
+    }
+
+    /// Renders one block.
+    pub fn render<O: Observer>(&mut self, block: &mut Block, observer: &mut O) {
+        *block = [Frame::ZERO; BLOCK];
+        let Self { population, voices, stats, .. } = self;
+        population.render(self.frame, voices, stats, observer, block);
+        voices.render(block);
+        self.mix.render(block, stats);
+        self.frame = self.frame.wrapping_add(BLOCK as u64);
+    }
+
+    /// Counters since the start.
+    pub fn stats(&self) -> &Stats {
+        &self.stats
+    }
+
+    /// Voices sounding now.
+    pub fn voices(&self) -> usize {
+        self.voices.sounding()
+    }
+
+    /// Whether no bubble rings.
+    pub fn is_silent(&self) -> bool {
+        self.voices.sounding() == 0 && self.population.is_silent()
+    }
+
+    /// Frames rendered.
+    pub fn frame(&self) -> u64 {
+        self.frame
+    }
+
+    /// Continues counting frames and events from elsewhere; the sound does not depend on either.
+    pub fn preset_counters(&mut self, frame: u64, stats: Stats) {
+        self.frame = frame;
+        self.stats = stats;
+    }
+}
+
+/// The audio path and its control path in step: what a tick computes takes effect one tick later, at a fixed frame.
+#[derive(Clone, Debug)]
+pub struct Instrument<P: Profile> {
+    /// Parameters.
+    pub control: Control,
+    synth: Synth<P>,
+    /// Blocks rendered of this tick.
+    blocks: usize,
+    block: Block,
+    /// Frames of `block` already given out.
+    given: usize,
+}
+
+impl<P: Profile> Instrument<P> {
+    /// Playing `scene` from its first frame.
+    pub fn new(scene: &Scene, sample_rate: u32, seed: u64, output: Output) -> Self {
+        let control = Control::new(scene, sample_rate, P::MAX_RATE, seed);
+        Self {
+            synth: Synth::new(seed, output, &control, sample_rate),
+            control,
+            blocks: 0,
+            block: [Frame::ZERO; BLOCK],
+            given: BLOCK,
+        }
+    }
+
+    /// Fills `out`, whatever its length: the samples do not depend on how they are asked for.
+    pub fn render<O: Observer>(&mut self, mut out: &mut [Frame], observer: &mut O) {
+        while !out.is_empty() {
+            if self.given == BLOCK {
+                self.next_block(observer);
+            }
+            let n = out.len().min(BLOCK - self.given);
+            let (now, later) = out.split_at_mut(n);
+            now.copy_from_slice(&self.block[self.given..self.given + n]);
+            self.given += n;
+            out = later;
+        }
+    }
+
+    /// Frames until the next block begins: what is struck now sounds from there on.
+    pub fn until_block(&self) -> usize {
+        BLOCK - self.given
+    }
+
+    /// Sounds a single bubble, counted from the next block's first frame.
+    pub fn strike<O: Observer>(&mut self, strike: &Strike, observer: &mut O) {
+        self.synth.strike(strike, observer);
+    }
+
+    fn next_block<O: Observer>(&mut self, observer: &mut O) {
+        if self.blocks == 0 {
+            self.synth.apply(&self.control.update(), observer);
+            // A board computes this while the tick sounds; here it is there at once, and waits.
+            self.control.tick();
+        }
+        self.blocks = (self.blocks + 1) % BLOCKS_PER_TICK;
+        self.synth.render(&mut self.block, observer);
+        self.given = 0;
+    }
+
+    /// The audio path.
+    pub fn synth(&self) -> &Synth<P> {
+        &self.synth
+    }
+
+    /// The audio path, to preset it.
+    pub fn synth_mut(&mut self) -> &mut Synth<P> {
+        &mut self.synth
+    }
+}
