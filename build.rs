@@ -3,7 +3,9 @@
 use std::{env, fmt::Write as _, fs, path::Path};
 
 fn table(out: &mut String, name: &str, doc: &str, kind: &str, values: impl Iterator<Item = f64>) {
-    let values: Vec<String> = values.map(|v| format!("{}", libm::round(v) as i64)).collect();
+    let values: Vec<String> = values
+        .map(|v| format!("{}", libm::round(v) as i64))
+        .collect();
     writeln!(
         out,
         "/// {doc}\npub static {name}: [{kind}; {}] = [{}];",
@@ -22,9 +24,9 @@ fn main() {
     table(
         &mut out,
         "SINE",
-        "sin of i/1024 turn, full scale 2^31 - 1, a turn and a quarter and one more.",
+        "sin of i/1024 turn, full scale 2^31 - 8, a turn and a quarter and one more.",
         "i32",
-        (0..=1024 + 256).map(|i| libm::sin(turn * f64::from(i) / 1024.0) * (q31 - 1.0)),
+        (0..=1024 + 256).map(|i| libm::sin(turn * f64::from(i) / 1024.0) * (q31 - 8.0)),
     );
     table(
         &mut out,
@@ -53,11 +55,9 @@ fn main() {
     table(
         &mut out,
         "PAN",
-        "Right-hand gain at i/256 of the way from left to right, 1 in the middle, Q30.",
+        "Gain of the right ear at i/256 of the way from left to right, 1 in the middle, Q30.",
         "i32",
-        (0..=256).map(|i| {
-            libm::sqrt(2.0) * libm::sin(turn / 4.0 * f64::from(i) / 256.0) * q30
-        }),
+        (0..=256).map(|i| libm::sqrt(2.0) * libm::sin(turn / 4.0 * f64::from(i) / 256.0) * q30),
     );
     let dir = env::var("OUT_DIR").expect("cargo sets OUT_DIR");
     fs::write(Path::new(&dir).join("tables.rs"), out).expect("OUT_DIR can be written");

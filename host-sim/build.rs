@@ -10,7 +10,9 @@ fn main() {
         .filter_map(|name| Some(name.strip_suffix(".toml")?.to_owned()))
         .collect();
     names.sort();
-    let mut out = String::from("/// Name and text of every scene.\npub static SCENES: &[(&str, &str)] = &[\n");
+    let mut out = String::from(
+        "/// Name and text of every scene.\npub static SCENES: &[(&str, &str)] = &[\n",
+    );
     for name in names {
         let path = dir.join(format!("{name}.toml"));
         writeln!(out, "    ({name:?}, include_str!({path:?})),").expect("a String takes it");

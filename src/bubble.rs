@@ -42,8 +42,7 @@ impl Bubble {
         let g_thermal = 3.0 * GAMMA * P0 / (4.0 * PI * RHO * GAS_DIFFUSIVITY);
         // The quotient takes f0 in Hz, and the second term stands outside the root.
         let psi = 16.0 / (9.0 * (GAMMA - 1.0) * (GAMMA - 1.0)) * g_thermal / f0;
-        let thermal = 2.0
-            * (libm::sqrt(psi - 3.0) - (3.0 * GAMMA - 1.0) / (3.0 * (GAMMA - 1.0)))
+        let thermal = 2.0 * (libm::sqrt(psi - 3.0) - (3.0 * GAMMA - 1.0) / (3.0 * (GAMMA - 1.0)))
             / (psi - 4.0);
         let delta = radiation + viscous + thermal;
         Self {

@@ -143,7 +143,11 @@ impl Control {
     fn take(&mut self, scene: &Scene, ramp: f32) {
         self.curves.clone_from(&scene.curves);
         for (i, param) in TABLE.iter().enumerate() {
-            let value = scene.values.iter().find(|v| v.0 == i).map_or(param.default, |v| v.1);
+            let value = scene
+                .values
+                .iter()
+                .find(|v| v.0 == i)
+                .map_or(param.default, |v| v.1);
             let smooth = matches!(param.kind, param::Kind::Real) && !TUNING.contains(&i);
             self.aim(i, value, if smooth { ramp } else { 0.0 });
         }
@@ -225,7 +229,8 @@ impl Control {
         if retune {
             let [a, b] = [tuning[0], tuning[1]].map(|mm| f64::from(mm) * 1e-3);
             let classes = tuning[2] as usize;
-            self.water.tune(a.min(b), a.max(b), classes, tuning[3], self.sample_rate);
+            self.water
+                .tune(a.min(b), a.max(b), classes, tuning[3], self.sample_rate);
             self.tuned = tuning;
             self.since_retune = 0;
             changed = true;
@@ -242,24 +247,43 @@ impl Control {
         let depth = self.value(param::SWELL_DEPTH);
         let height = self.swell.advance(TICK as f64 / self.sample_rate, &swell);
         // What falls away between waves.
-        let ebb = if depth > 0.0 { depth * (1.0 - height) } else { 0.0 };
+        let ebb = if depth > 0.0 {
+            depth * (1.0 - height)
+        } else {
+            0.0
+        };
         let entrained = self.ramps[param::EXCITATION].now == 1.0;
         let drive = Drive {
             rate: self.value(param::RATE).min(self.max_rate) * (1.0 - ebb) * (1.0 - ebb),
-            alpha: if entrained { 0.0 } else { self.value(param::ALPHA) },
+            alpha: if entrained {
+                0.0
+            } else {
+                self.value(param::ALPHA)
+            },
             beta: self.value(param::BETA),
             depth: self.value(param::DEPTH),
             rise_cutoff: self.value(param::RISE_CUTOFF),
             rise_factor: f64::from(tuning[3]),
-            pressure: if entrained { ENTRAINMENT } else { self.value(param::PRESSURE) },
+            pressure: if entrained {
+                ENTRAINMENT
+            } else {
+                self.value(param::PRESSURE)
+            },
             width: self.value(param::WIDTH),
         };
         let law = self.ramps[param::LAW].now as usize;
-        let gamma = if law == 1 { self.value(param::GAMMA) } else { 0.0 }
-            + ebb * self.value(param::SWELL_FIZZ);
+        let gamma = if law == 1 {
+            self.value(param::GAMMA)
+        } else {
+            0.0
+        } + ebb * self.value(param::SWELL_FIZZ);
         let mut weight = [0.0; CLASSES];
         for (k, weight) in weight[..self.water.classes].iter_mut().enumerate() {
-            let custom = if law == 2 { self.value(param::WEIGHT + k) } else { 1.0 };
+            let custom = if law == 2 {
+                self.value(param::WEIGHT + k)
+            } else {
+                1.0
+            };
             let radius = f64::from(self.water.tuning[k].radius) * 1e3;
             *weight = custom * libm::pow(radius, -gamma);
         }

@@ -24,16 +24,20 @@ pub fn sine(phase: u32) -> i32 {
     interpolate(SINE[i], SINE[i + 1], phase << 10)
 }
 
-/// Sine and cosine of `phase`.
+/// Sine and cosine of `phase`, Q31, within 5e-6 of full scale: the nearest entry, turned by the small rest.
 #[inline(always)]
 pub fn sine_cosine(phase: u32) -> (i32, i32) {
-    let i = (phase >> 22) as usize;
-    let t = phase << 10;
-    (
-        interpolate(SINE[i], SINE[i + 1], t),
-        interpolate(SINE[i + 256], SINE[i + 257], t),
-    )
+    let near = phase.wrapping_add(1 << 21);
+    let i = (near >> 22) as usize;
+    let (s, c) = (SINE[i], SINE[i + 256]);
+    // The rest in radians, Q32.
+    let rest = phase.wrapping_sub(near & !0x003f_ffff) as i32;
+    let angle = mul_high(rest << 4, TWO_PI);
+    (s + mul_high(angle, c), c - mul_high(angle, s))
 }
+
+/// 2π, Q28.
+const TWO_PI: i32 = 1_686_629_713;
 
 /// From `a` to `b` by the fraction `t` (Q32); the two are neighbours in a table, so their difference is small.
 #[inline(always)]
@@ -58,10 +62,7 @@ pub fn neg_log2(n: u32) -> u32 {
 /// `2^-x` for `x` in Q20, as Q31, within 1e-6 relative.
 #[inline(always)]
 pub fn exp2_neg(x: u32) -> u32 {
-    let whole = x >> 20;
-    if whole >= 31 {
-        return 0;
-    }
+    let whole = (x >> 20).min(31);
     let i = (x >> 12 & 0xff) as usize;
     let high = EXP2[i];
     let drop = (u64::from(high - EXP2[i + 1]) * u64::from(x & 0xfff)) >> 12;

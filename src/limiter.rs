@@ -112,7 +112,11 @@ impl Limiter {
             let mean = (self.mean >> 16) as i32;
             let short = (mean - self.gain).max(0);
             let up = ((i64::from(short) * i64::from(self.fast)) >> 31) as i32;
-            let back = if short < ONE >> 14 { mean } else { self.gain + up };
+            let back = if short < ONE >> 14 {
+                mean
+            } else {
+                self.gain + up
+            };
             self.gain = back.max(self.gain).min(allowed);
         }
         let aim = if allowed < ONE { self.gain } else { ONE };

@@ -224,7 +224,8 @@ impl Mix {
             for x in [&mut frame.left, &mut frame.right] {
                 // Triangular, ±1 of the last bit: the difference of two uniform numbers.
                 let bits = self.random.bits();
-                let noise = (bits >> (32 - shift)) as i32 - ((bits & 0xffff) >> (16 - shift)) as i32;
+                let noise =
+                    (bits >> (32 - shift)) as i32 - ((bits & 0xffff) >> (16 - shift)) as i32;
                 *x = ((*x + noise + (1 << (shift - 1))) >> shift).clamp(-top - 1, top);
             }
         }

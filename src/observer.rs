@@ -1,5 +1,7 @@
 //! Watching births, for event logs and reference renderings. The unit type watches nothing and costs nothing.
 
+use crate::resonator::StrikeWords;
+
 /// What became of a bubble.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Path {
@@ -41,10 +43,8 @@ pub struct Crowd {
     pub radius: f32,
     /// Radius class, from 0.
     pub class: u8,
-    /// What is added to the left resonator's words, Q32.32 of bus units.
-    pub left: [i64; 2],
-    /// The same, right.
-    pub right: [i64; 2],
+    /// What is added to the resonators' words.
+    pub words: StrikeWords,
     /// How many births that stands for.
     pub births: u64,
 }

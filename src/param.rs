@@ -62,7 +62,11 @@ impl Param {
                 let log = |v: f64| libm::log(v.max(least));
                 let value = libm::exp(log(a) + (log(b) - log(a)) * x);
                 // Near an end at 0 the curve is cut, not raised.
-                if value <= least * 1.000_001 { 0.0_f64.max(a.min(b)) } else { value }
+                if value <= least * 1.000_001 {
+                    0.0_f64.max(a.min(b))
+                } else {
+                    value
+                }
             }
         };
         match self.kind {

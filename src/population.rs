@@ -4,34 +4,41 @@
 //! change of rate needs no redraw. A bubble that does not rise is one impulse at its exact time between samples; a
 //! rising one asks for a voice. Above one birth a sample a class is a *crowd*: its impulses are drawn by their moments.
 
-use crate::fixed::{BUBBLE_MAX_PA, PAN, exp2_neg, neg_log2, sine_cosine, to_fixed, to_fixed_u64};
-use crate::frame::{BLOCK, Block};
+use crate::fixed::{PAN, PASCAL, exp2_neg, neg_log2, sine_cosine, to_fixed, to_fixed_u64};
+use crate::frame::{BLOCK, Block, Frame};
 use crate::observer::{Birth, Crowd as CrowdSeen, Observer, Path};
 use crate::random::{Random, Stream};
-use crate::resonator::{Complex, Form, State, Tuning};
+use crate::resonator::{
+    Complex, Form, STRIKES_MAX, SWING_MAX, State, StrikeWords, Strikes, Tuning, run_struck,
+    run_two_struck,
+};
 use crate::stats::Stats;
 use crate::voices::{Pitch, Start, Voice, Voices};
 
 /// Most radius classes.
 pub const CLASSES: usize = 64;
 
-/// ln 2, Q32.
-const LN_2: u64 = 2_977_044_472;
 /// Where births are denser than this a sample, a class is a crowd.
 pub const CROWD: f64 = 1.0;
+/// No bubble of a class is louder than this, Pa: twice full scale.
+pub const CLASS_MAX_PA: f64 = 2.0;
+/// From this many births a block (over ln 2, Q32.32) they are gathered before the resonator runs.
+const CROSSOVER: u64 = 6 << 32;
 /// A retired bank rings out at least this fast, 1/s.
 const RETIRED_DECAY: f64 = 60.0;
 
 /// How a class is struck.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Flow {
-    /// Births in a block that the clock draws one by one, Q32.32.
+    /// Births in a block that the clock draws one by one, over ln 2, Q32.32.
     per_block: u64,
-    /// 2^63 over the upper 32 bits of `per_block << shift`.
+    /// 2^63 − 1 over the upper 32 bits of `per_block << shift`.
     inverse: u32,
     shift: u32,
     /// Pressure of a bubble of depth factor 1, one sample before it is due, Q27 of a pascal.
-    pressure: i32,
+    pressure: u32,
+    /// `-log2 D` (Q20) above which less than half a unit of that is left.
+    inaudible: u32,
     /// The same at its birth, Q28, for voices.
     voice_pressure: u32,
     crowd: Option<Crowd>,
@@ -46,6 +53,8 @@ struct Crowd {
     mean: [i64; 2],
     /// Cholesky factor of both words' covariance, over the deviation of `rough_normal`, Q42 of a pascal.
     spread: [i32; 3],
+    /// What a block's impulses may come to at most, Q27 of a pascal.
+    most: u32,
     /// Mean gain of an ear, and the factor of the covariance between ears, Q30.
     ear_mean: i32,
     ears: [i32; 3],
@@ -129,6 +138,12 @@ impl Settings {
         }
     }
 
+    /// Whether a class's births are gathered before its resonator runs.
+    fn is_dense(&self, k: usize) -> bool {
+        let flow = &self.flow[k];
+        flow.crowd.is_some() || flow.per_block >= CROSSOVER
+    }
+
     /// Gives every class's rising bubbles another rise factor.
     pub fn set_rise(&mut self, rise_factor: f32, sample_rate: f64) {
         for k in 0..self.classes {
@@ -177,7 +192,7 @@ impl Settings {
             let tuning = &self.tuning[k];
             let births = weight[k] * scale;
             let pressure = drive.pressure * libm::pow(f64::from(tuning.radius) * 1e3, drive.alpha);
-            let pressure = (drive.depth * pressure).min(f64::from(BUBBLE_MAX_PA));
+            let pressure = (drive.depth * pressure).min(CLASS_MAX_PA);
             let still_births = births * still;
             if still_births > CROWD * BLOCK as f64 {
                 *flow = Flow::new(births - still_births, pressure, tuning);
@@ -198,21 +213,22 @@ impl Default for Settings {
 
 impl Flow {
     fn new(births: f64, pressure: f64, tuning: &Tuning) -> Self {
-        let per_block = to_fixed_u64(births, 32);
+        let per_block = to_fixed_u64(births * core::f64::consts::LOG2_E, 32);
         let shift = per_block.leading_zeros().min(63);
         let top = (per_block << shift >> 32) as u32;
         // Top is at least 2^31, or births are none.
         let inverse = if top == 0 {
             0
         } else {
-            ((1u64 << 63) / u64::from(top)).min(u64::from(u32::MAX)) as u32
+            (i64::MAX as u64 / u64::from(top)) as u32
         };
         let grown = pressure * libm::exp2(f64::from(tuning.decay_over(1 << 27)) / 1_048_576.0);
         Self {
             per_block,
             inverse,
             shift,
-            pressure: to_fixed(grown.min(f64::from(BUBBLE_MAX_PA)), 27),
+            pressure: to_fixed_u64(grown, 27) as u32,
+            inaudible: to_fixed_u64(libm::log2(grown).max(-28.0) + 28.0, 20) as u32,
             voice_pressure: to_fixed_u64(pressure, 28) as u32,
             crowd: None,
         }
@@ -222,8 +238,7 @@ impl Flow {
     #[inline(always)]
     fn position(&self, clock: u64) -> u32 {
         let top = (clock << self.shift >> 32) as u32;
-        let ratio = (u64::from(top) * u64::from(self.inverse)) >> 31;
-        ratio.min(u64::from(u32::MAX)) as u32
+        ((u64::from(top) * u64::from(self.inverse)) >> 31) as u32
     }
 }
 
@@ -244,8 +259,7 @@ impl Crowd {
         let a = libm::sqrt(aa);
         let b = ab / a;
         let c = libm::sqrt((bb - b * b).max(0.0));
-        let deviation =
-            pressure * libm::sqrt(per_sample * second) / Random::ROUGH_DEVIATION;
+        let deviation = pressure * libm::sqrt(per_sample * second) / Random::ROUGH_DEVIATION;
         // Pan is uniform over the width; sums over the audio path's own table.
         let width = libm::round(width * 256.0) as i32;
         let (mut mean, mut own, mut shared) = (0.0, 0.0, 0.0);
@@ -259,11 +273,15 @@ impl Crowd {
         let e1 = shared / e0;
         let e2 = libm::sqrt((own - e1 * e1).max(0.0));
         let level = pressure * per_sample * first;
+        // The rough normal number ends at 3.47 deviations; two of them make the second word.
+        let most = BLOCK as f64 * 1.5 * (level + 2.0 * 3.47 * Random::ROUGH_DEVIATION * deviation);
+        // What the resonator cannot take is held down.
+        let hold = (f64::from(STRIKES_MAX) / 134_217_728.0 / most).min(1.0);
         Self {
             births: births as f32,
-            // Far beyond what a resonator holds both are cut, so that the sums cannot overflow.
-            mean: words_mean.map(|m| libm::scalbn((level * m).clamp(-4.0, 4.0), 58) as i64),
-            spread: [a, b, c].map(|f| to_fixed(f * deviation, 42).clamp(-(1 << 28), 1 << 28)),
+            mean: words_mean.map(|m| libm::round(libm::scalbn(level * hold * m, 58)) as i64),
+            spread: [a, b, c].map(|f| to_fixed(f * hold * deviation, 42)),
+            most: to_fixed_u64(hold * most, 27) as u32,
             ear_mean: to_fixed(mean, 30),
             ears: [e0, e1, e2].map(|e| to_fixed(e, 30)),
         }
@@ -271,7 +289,7 @@ impl Crowd {
 
     /// One sample's impulses, for both ears.
     #[inline(always)]
-    fn draw(&self, random: &mut Random) -> ([i64; 2], [i64; 2]) {
+    fn draw(&self, random: &mut Random) -> StrikeWords {
         let normals = [(); 2].map(|()| [(); 2].map(|()| i64::from(random.rough_normal())));
         let ear = |words: [i64; 2], part: [i64; 2]| {
             let [a, b, c] = self.spread.map(i64::from);
@@ -285,11 +303,11 @@ impl Crowd {
         let [e0, e1, e2] = self.ears.map(i64::from);
         let [p, q] = normals;
         let left = [(p[0] * e0) >> 30, (p[1] * e0) >> 30];
-        let right = [
-            (p[0] * e1 + q[0] * e2) >> 30,
-            (p[1] * e1 + q[1] * e2) >> 30,
-        ];
-        (ear(mean, left), ear(mean, right))
+        let right = [(p[0] * e1 + q[0] * e2) >> 30, (p[1] * e1 + q[1] * e2) >> 30];
+        StrikeWords {
+            left: ear(mean, left),
+            right: ear(mean, right),
+        }
     }
 }
 
@@ -301,24 +319,40 @@ impl Tuning {
         }
         let (log, factor) = self.pole(sample_rate);
         // A bubble is struck as it would have been at the sample before: w^f with w = 1/z.
-        let log = Complex { re: -log.re, im: -log.im };
+        let log = Complex {
+            re: -log.re,
+            im: -log.im,
+        };
         let exp = |c: Complex| Complex {
             re: libm::exp(c.re) * libm::cos(c.im),
             im: libm::exp(c.re) * libm::sin(c.im),
         };
-        let minus_one = |c: Complex| Complex { re: c.re - 1.0, im: c.im };
-        let double = Complex { re: 2.0 * log.re, im: 2.0 * log.im };
+        let minus_one = |c: Complex| Complex {
+            re: c.re - 1.0,
+            im: c.im,
+        };
+        let double = Complex {
+            re: 2.0 * log.re,
+            im: 2.0 * log.im,
+        };
         let mean = minus_one(exp(log)).div(log);
         let square = minus_one(exp(double)).div(double);
         let energy = libm::expm1(double.re) / double.re;
         let one = Complex { re: 1.0, im: 0.0 };
         let product = |a: Complex, b: Complex| {
-            let conj = Complex { re: b.re, im: -b.im };
+            let conj = Complex {
+                re: b.re,
+                im: -b.im,
+            };
             0.5 * (a.mul(conj).re * energy - a.mul(b).mul(square).re)
         };
         (
             [mean.im, factor.mul(mean).im],
-            [product(one, one), product(one, factor), product(factor, factor)],
+            [
+                product(one, one),
+                product(one, factor),
+                product(factor, factor),
+            ],
         )
     }
 }
@@ -326,7 +360,7 @@ impl Tuning {
 /// Gains of both ears, Q30, from 8 random bits and the width (256: full).
 #[inline(always)]
 fn pan(draw: u32, width: i32) -> [i32; 2] {
-    let at = (128 + ((2 * draw as i32 - 255) * width + 256 >> 9)).clamp(0, 256) as usize;
+    let at = (128 + (((draw & 0xff) as i32 - 128) * width >> 8)) as usize & 0xff;
     [PAN[256 - at], PAN[at]]
 }
 
@@ -348,10 +382,27 @@ impl Bank {
         }
     }
 
-    fn settle(&mut self, k: usize) {
-        if self.state[k].settle(&self.tuning[k]) {
-            self.ringing &= !(1 << k);
+    /// Ends the block: how far all classes may swing from here, bus units.
+    #[inline(always)]
+    fn settle(&mut self) -> u32 {
+        let mut swing = 0;
+        let mut left = self.ringing;
+        while left != 0 {
+            let k = left.trailing_zeros() as usize;
+            left &= left - 1;
+            let class = self.state[k].settle(&self.tuning[k]);
+            swing += class;
+            if class == 0 {
+                self.ringing &= !(1 << k);
+            }
         }
+        swing
+    }
+
+    /// Everything half as loud.
+    #[inline(never)]
+    fn halve(&mut self) {
+        self.state.iter_mut().for_each(State::halve);
     }
 
     /// Rings on with no births.
@@ -361,8 +412,52 @@ impl Bank {
             let k = left.trailing_zeros() as usize;
             left &= left - 1;
             self.state[k].run(&self.tuning[k], out);
-            self.settle(k);
         }
+    }
+
+    /// Few births: the resonator runs from one to the next.
+    #[inline(always)]
+    fn ring_with<S, O>(&mut self, k: usize, births: &mut Births<'_, S, O>, out: &mut Block)
+    where
+        S: AsRef<[Voice]> + AsMut<[Voice]>,
+        O: Observer,
+    {
+        let mut done = 0;
+        births.class_room = STRIKES_MAX;
+        let mut clock = births.enter_class(k);
+        while let Some((position, bits)) = births.next(k, &mut clock) {
+            if let Some((sample, strike)) = births.birth(k, position, bits) {
+                self.ring(k, &mut out[done..=sample]);
+                done = sample + 1;
+                self.state[k].strike(strike);
+                self.ringing |= 1 << k;
+            }
+        }
+        births.leave_class(k, clock);
+        self.ring(k, &mut out[done..]);
+    }
+
+    #[inline(always)]
+    fn ring(&mut self, k: usize, out: &mut [Frame]) {
+        if self.ringing & (1 << k) != 0 {
+            self.state[k].run(&self.tuning[k], out);
+        }
+    }
+
+    /// Many births, gathered before.
+    #[inline(always)]
+    fn ring_struck(&mut self, k: usize, strikes: &Strikes, out: &mut Block) {
+        self.ringing |= 1 << k;
+        run_struck(&self.tuning[k], &mut self.state[k], strikes, out);
+    }
+
+    /// The same for class `k` and the next one, of the same form.
+    #[inline(always)]
+    fn ring_struck_pair(&mut self, k: usize, strikes: &[Strikes; 2], out: &mut Block) {
+        self.ringing |= 3 << k;
+        let (one, two) = self.state.split_at_mut(k + 1);
+        let tuning = [&self.tuning[k], &self.tuning[k + 1]];
+        run_two_struck(tuning, [&mut one[k], &mut two[0]], strikes, out);
     }
 }
 
@@ -370,14 +465,16 @@ impl Bank {
 #[derive(Clone, Debug)]
 pub struct Population {
     settings: Settings,
-    /// Births expected until the next one of a class, Q32.32.
+    /// Births expected until the next one of a class, over ln 2, Q32.32.
     clock: [u64; CLASSES],
     random: Random,
     /// Births go to `banks[live]`; the other holds what rings on from before the last retuning.
     banks: [Bank; 2],
     live: usize,
-    /// Births left that a block may have.
+    /// Births that a block may have.
     births_per_block: u32,
+    /// How far all classes may swing from here, bus units.
+    swing: u32,
 }
 
 impl Population {
@@ -391,6 +488,7 @@ impl Population {
             banks: [Bank::new(), Bank::new()],
             live: 0,
             births_per_block,
+            swing: 0,
         }
     }
 
@@ -412,7 +510,7 @@ impl Population {
         self.banks.iter().all(|bank| bank.ringing == 0)
     }
 
-    /// Adds one block that begins at `frame`; rising bubbles go to `voices`.
+    /// Renders one block that begins at `frame` into a silent `out`; rising bubbles go to `voices`.
     #[inline]
     pub fn render<S, O>(
         &mut self,
@@ -426,193 +524,272 @@ impl Population {
         O: Observer,
     {
         self.banks[self.live ^ 1].ring_out(out);
-        let mut births_left = self.births_per_block;
-        for k in 0..self.settings.classes {
-            let mut class = Class {
-                k,
-                frame,
-                settings: &self.settings,
-                bank: &mut self.banks[self.live],
-                random: &mut self.random,
-                clock: &mut self.clock[k],
-                births_left: &mut births_left,
-                voices,
-                stats,
-                observer,
-            };
-            class.render(out);
+        let room = self.room();
+        let bank = &mut self.banks[self.live];
+        let mut births = Births {
+            frame,
+            settings: &self.settings,
+            random: &mut self.random,
+            clock: &mut self.clock,
+            left: self.births_per_block,
+            class_room: 0,
+            room,
+            voices,
+            stats,
+            observer,
+        };
+        let settings = &self.settings;
+        let mut k = 0;
+        while k < settings.classes {
+            let pair = k + 1 < settings.classes
+                && settings.is_dense(k)
+                && settings.is_dense(k + 1)
+                && settings.tuning[k].form == settings.tuning[k + 1].form;
+            if pair {
+                bank.ring_struck_pair(k, &[births.gather(k), births.gather(k + 1)], out);
+                k += 2;
+            } else if settings.is_dense(k) {
+                bank.ring_struck(k, &births.gather(k), out);
+                k += 1;
+            } else {
+                bank.ring_with(k, &mut births, out);
+                k += 1;
+            }
         }
+        self.swing = self.banks.iter_mut().map(Bank::settle).sum();
+        while self.swing > SWING_MAX {
+            // Far beyond full scale: everything gives way at once, rather than wrap.
+            self.banks.iter_mut().for_each(Bank::halve);
+            self.swing /= 2;
+            stats.overloads = stats.overloads.wrapping_add(1);
+        }
+    }
+
+    /// Pressure that this block's births may come to, Q27 of a pascal: what with pan (√2) and growth before the birth
+    /// (1.13) keeps the sum of all classes inside an i32.
+    fn room(&self) -> u32 {
+        let left = 30 * PASCAL as u32 - self.swing;
+        // 5/8 < 1/(1.13·√2), and Q26 to Q27.
+        left / 8 * 10
     }
 }
 
-/// Births expected until the next one, from 32 random bits: −ln(rnd), Q32.32.
+/// Births expected until the next one, over ln 2, from 32 random bits: −log2(rnd), Q32.32.
 #[inline(always)]
 fn gap(bits: u32) -> u64 {
-    (u64::from(neg_log2(bits)) * LN_2) >> 26
+    u64::from(neg_log2(bits)) << 6
 }
 
-/// One class for the time of one block.
-struct Class<'a, S, O> {
-    k: usize,
+/// Where the bubbles of one block come from and go to.
+struct Births<'a, S, O> {
     frame: u64,
     settings: &'a Settings,
-    bank: &'a mut Bank,
     random: &'a mut Random,
-    clock: &'a mut u64,
-    births_left: &'a mut u32,
+    clock: &'a mut [u64; CLASSES],
+    /// Births that this block still takes.
+    left: u32,
+    /// Pressure that the class and the whole population still take in this block, Q27 of a pascal.
+    class_room: u32,
+    room: u32,
     voices: &'a mut Voices<S>,
     stats: &'a mut Stats,
     observer: &'a mut O,
 }
 
-impl<S, O> Class<'_, S, O>
+/// A class's clock, with what it draws from, in registers for the time of a block.
+struct Clock {
+    now: u64,
+    random: Random,
+    /// Births that the block still takes.
+    left: u32,
+}
+
+impl<S, O> Births<'_, S, O>
 where
     S: AsRef<[Voice]> + AsMut<[Voice]>,
     O: Observer,
 {
+    /// All births of class `k` in this block.
     #[inline(always)]
-    fn render(&mut self, out: &mut Block) {
-        let flow = &self.settings.flow[self.k];
-        let mut done = 0;
-        if let Some(crowd) = &flow.crowd {
-            self.crowd(crowd, &mut done, out);
+    fn gather(&mut self, k: usize) -> Strikes {
+        let mut strikes: Strikes = [StrikeWords::default(); BLOCK];
+        self.class_room = STRIKES_MAX;
+        if let Some(crowd) = &self.settings.flow[k].crowd {
+            self.crowd(k, crowd, &mut strikes);
         }
-        let mut clock = *self.clock;
-        while clock < flow.per_block {
-            if *self.births_left == 0 {
-                // The block is full: the rest are born at the start of the next.
-                self.stats.late = self.stats.late.wrapping_add(1);
-                clock = flow.per_block;
-                break;
+        let mut clock = self.enter_class(k);
+        while let Some((position, bits)) = self.next(k, &mut clock) {
+            if let Some((sample, strike)) = self.birth(k, position, bits) {
+                strikes[sample].add(strike);
             }
-            *self.births_left -= 1;
-            let position = flow.position(clock);
-            self.birth(&mut done, position, out);
-            clock += gap(self.random.bits());
         }
-        *self.clock = clock - flow.per_block;
-        self.ring(&mut done, BLOCK, out);
-        if self.bank.ringing & (1 << self.k) != 0 {
-            self.bank.settle(self.k);
+        self.leave_class(k, clock);
+        strikes
+    }
+
+    #[inline(always)]
+    fn enter_class(&self, k: usize) -> Clock {
+        Clock {
+            now: self.clock[k],
+            random: self.random.clone(),
+            left: self.left,
         }
     }
 
-    /// Lets the class ring up to frame `until`.
     #[inline(always)]
-    fn ring(&mut self, done: &mut usize, until: usize, out: &mut Block) {
-        if self.bank.ringing & (1 << self.k) != 0 {
-            let tuning = &self.bank.tuning[self.k];
-            self.bank.state[self.k].run(tuning, &mut out[*done..until]);
-        }
-        *done = until;
+    fn leave_class(&mut self, k: usize, clock: Clock) {
+        self.clock[k] = clock.now;
+        *self.random = clock.random;
+        self.stats.births = self
+            .stats
+            .births
+            .wrapping_add(u64::from(self.left - clock.left));
+        self.left = clock.left;
     }
 
-    /// One bubble: a voice if it rises and finds one, else an impulse into its class.
+    /// Takes pressure from what the block still has room for. False, and counted, where there is none left.
     #[inline(always)]
-    fn birth(&mut self, done: &mut usize, position: u32, out: &mut Block) {
-        let Settings { exponent, rise_below, crowd_below, width, .. } = *self.settings;
-        let flow = &self.settings.flow[self.k];
-        // What a crowd's class is struck with beside the crowd waits for the end of the block.
-        let sample = ((position >> 27) as usize).max(done.saturating_sub(1));
+    fn has_room(&mut self, pressure: u32) -> bool {
+        if pressure > self.class_room.min(self.room) {
+            self.stats.overloads = self.stats.overloads.wrapping_add(1);
+            return false;
+        }
+        self.class_room -= pressure;
+        self.room -= pressure;
+        true
+    }
+
+    /// Where in this block the next birth of class `k` falls, with 32 random bits; the clock is then set for the one
+    /// after it.
+    #[inline(always)]
+    fn next(&mut self, k: usize, clock: &mut Clock) -> Option<(u32, u32)> {
+        let flow = &self.settings.flow[k];
+        let now = clock.now;
+        if now >= flow.per_block {
+            clock.now = now - flow.per_block;
+            return None;
+        }
+        if clock.left == 0 {
+            // The block is full: the next one begins with a birth.
+            self.stats.late = self.stats.late.wrapping_add(1);
+            clock.now = 0;
+            return None;
+        }
+        clock.left -= 1;
+        clock.now = now + gap(clock.random.bits());
+        Some((flow.position(now), clock.random.bits()))
+    }
+
+    /// One bubble: a voice if it rises and finds one; else what its class is struck with, and after which sample.
+    #[inline(always)]
+    fn birth(&mut self, k: usize, position: u32, bits: u32) -> Option<(usize, StrikeWords)> {
+        let settings = self.settings;
+        let (flow, tuning) = (&settings.flow[k], &settings.tuning[k]);
         let fraction = position & 0x07ff_ffff;
-        let bits = self.random.bits();
         let mut draw = bits;
         if flow.crowd.is_some() {
             // The crowd has the softer ones.
-            let span = u64::from(u32::MAX - crowd_below);
-            draw = crowd_below + ((u64::from(bits) * span) >> 32) as u32;
+            let span = u64::from(u32::MAX - settings.crowd_below);
+            draw = settings.crowd_below + ((u64::from(bits) * span) >> 32) as u32;
         }
         // -log2 D, Q20.
-        let soft = ((u64::from(neg_log2(draw)) * u64::from(exponent)) >> 32) as u32;
+        let soft = ((u64::from(neg_log2(draw)) * u64::from(settings.exponent)) >> 32) as u32;
         // The lowest bits are the generator's weakest: pan takes eight above them.
-        let [left, right] = pan(bits >> 4 & 0xff, width);
-        let at = |gain: i32, pressure: i32| {
-            ((i64::from(pressure) * i64::from(gain)) >> 30).min(i64::from(i32::MAX)) as i32
-        };
-        self.stats.births = self.stats.births.wrapping_add(1);
-        let mut birth = Birth {
-            frame: self.frame.wrapping_add(sample as u64),
-            fraction,
-            radius: self.bank.tuning[self.k].radius,
-            rise_factor: 0.0,
-            gain: [0; 2],
-            class: self.k as u8,
-            path: Path::Class,
-        };
-        let tuning = &self.bank.tuning[self.k];
+        let pan = pan(bits >> 4, settings.width);
         if tuning.form == Form::Silent {
             self.stats.too_high = self.stats.too_high.wrapping_add(1);
-            birth.path = Path::TooHigh;
-            self.observer.birth(&birth);
-            return;
+            self.report(k, position, [0; 2], Path::TooHigh);
+            return None;
         }
-        if soft < rise_below {
-            let pitch = &self.settings.pitch[self.k];
-            let pressure = ((u64::from(flow.voice_pressure) * u64::from(exp2_neg(soft))) >> 31)
-                .min(i32::MAX as u64) as i32;
-            let gain = [at(left, pressure), at(right, pressure)];
-            let age = (1 << 27) - fraction;
-            let start = self.voices.start(pitch.start(age, sample as u32 + 1, gain));
-            self.stats.rising = self.stats.rising.wrapping_add(1);
-            if start != Start::Refused {
-                if start == Start::Stole {
-                    self.stats.stolen = self.stats.stolen.wrapping_add(1);
-                }
-                birth.rise_factor = pitch.rise_factor;
-                birth.gain = gain;
-                birth.path = Path::Voice;
-                self.observer.birth(&birth);
-                return;
-            }
-            self.stats.unvoiced = self.stats.unvoiced.wrapping_add(1);
+        if soft < settings.rise_below && self.voice(k, position, soft, pan) {
+            return None;
         }
         let decayed = soft + tuning.decay_over((1 << 27) - fraction);
-        let pressure =
-            ((i64::from(flow.pressure) * i64::from(exp2_neg(decayed))) >> 31) as i32;
-        let (left, right) = (at(left, pressure), at(right, pressure));
-        birth.gain = [left, right];
-        self.observer.birth(&birth);
-        if left | right == 0 {
-            return;
+        if decayed > flow.inaudible {
+            self.report(k, position, [0; 2], Path::Class);
+            return None;
         }
+        let pressure = (u64::from(flow.pressure) * u64::from(exp2_neg(decayed)) >> 31) as u32;
+        let [left, right] = pan.map(|gain| (i64::from(pressure) * i64::from(gain) >> 30) as i32);
+        if !self.has_room(pressure) {
+            self.report(k, position, [0; 2], Path::Dropped);
+            return None;
+        }
+        self.report(k, position, [left, right], Path::Class);
         let words = tuning.words(sine_cosine(tuning.phase_over(fraction).wrapping_neg()));
-        self.ring(done, sample + 1, out);
-        let state = &mut self.bank.state[self.k];
-        if state.strike(&self.bank.tuning[self.k], left, right, words) {
-            self.stats.overloads = self.stats.overloads.wrapping_add(1);
+        let strike = StrikeWords::of_bubble(left, right, words);
+        Some(((position >> 27) as usize, strike))
+    }
+
+    /// Tells the observer of a birth.
+    #[inline(always)]
+    fn report(&mut self, k: usize, position: u32, gain: [i32; 2], path: Path) {
+        let rises = path == Path::Voice;
+        self.observer.birth(&Birth {
+            frame: self.frame.wrapping_add(u64::from(position >> 27)),
+            fraction: position & 0x07ff_ffff,
+            radius: self.settings.tuning[k].radius,
+            rise_factor: if rises {
+                self.settings.pitch[k].rise_factor
+            } else {
+                0.0
+            },
+            gain,
+            class: k as u8,
+            path,
+        });
+    }
+
+    /// Gives a rising bubble a voice. False where none was to be had.
+    #[inline(never)]
+    fn voice(&mut self, k: usize, position: u32, soft: u32, pan: [i32; 2]) -> bool {
+        let flow = &self.settings.flow[k];
+        let pressure = u64::from(flow.voice_pressure) * u64::from(exp2_neg(soft)) >> 31;
+        let gain = pan.map(|gain| (pressure * gain as u64 >> 30).min(i32::MAX as u64) as i32);
+        let age = (1 << 27) - (position & 0x07ff_ffff);
+        let delay = (position >> 27) + 1;
+        let voice = self.settings.pitch[k].start(age, delay, gain);
+        let start = self.voices.start(voice);
+        let stats = &mut *self.stats;
+        stats.rising = stats.rising.wrapping_add(1);
+        stats.stolen = stats.stolen.wrapping_add(u64::from(start == Start::Stole));
+        stats.unvoiced = stats
+            .unvoiced
+            .wrapping_add(u64::from(start == Start::Refused));
+        if start == Start::Refused {
+            return false;
         }
-        self.bank.ringing |= 1 << self.k;
+        self.report(k, position, gain, Path::Voice);
+        true
     }
 
     /// A block of a class with more than one birth a sample.
     #[inline(never)]
-    fn crowd(&mut self, crowd: &Crowd, done: &mut usize, out: &mut Block) {
-        let k = self.k;
+    fn crowd(&mut self, k: usize, crowd: &Crowd, strikes: &mut Strikes) {
         // Poisson by its first three moments; 32 births or more make that exact enough to count with.
         let normal = f64::from(self.random.rough_normal()) / Random::ROUGH_DEVIATION;
         let mean = f64::from(crowd.births);
         let drawn = mean + libm::sqrt(mean) * normal + (normal * normal - 1.0) / 6.0;
         let births = libm::round(drawn).max(0.0) as u64;
         self.stats.births = self.stats.births.wrapping_add(births);
-        if self.bank.tuning[k].form == Form::Silent {
+        let tuning = &self.settings.tuning[k];
+        if tuning.form == Form::Silent {
             self.stats.too_high = self.stats.too_high.wrapping_add(births);
             return;
         }
-        self.bank.ringing |= 1 << k;
-        for i in *done..BLOCK {
-            let (left, right) = crowd.draw(self.random);
+        if !self.has_room(crowd.most) {
+            return;
+        }
+        for (i, strike) in strikes.iter_mut().enumerate() {
+            *strike = crowd.draw(self.random);
+            let i = i as u64;
             self.observer.crowd(&CrowdSeen {
-                frame: self.frame.wrapping_add(i as u64),
-                radius: self.bank.tuning[k].radius,
+                frame: self.frame.wrapping_add(i),
+                radius: tuning.radius,
                 class: k as u8,
-                left,
-                right,
-                births: births * (i as u64 + 1) / BLOCK as u64 - births * i as u64 / BLOCK as u64,
+                words: *strike,
+                births: births * (i + 1) / BLOCK as u64 - births * i / BLOCK as u64,
             });
-            self.ring(done, i + 1, out);
-            if self.bank.state[k].add(&self.bank.tuning[k], left, right) {
-                self.stats.overloads = self.stats.overloads.wrapping_add(1);
-            }
         }
     }
 }

@@ -6,14 +6,16 @@
 
 use crate::bubble::Bubble;
 use crate::fixed::to_fixed;
-use crate::frame::Frame;
+use crate::frame::{BLOCK, Block, Frame};
 
 /// Above this part of the sample rate a bubble is not sounded.
 pub const PITCH_LIMIT: f64 = 0.45;
 
-/// Largest state word after a birth, bus units: whatever the phase, the next swing stays inside an i32.
-const CIRCLE_LIMIT: i64 = 1 << (29 + 32);
-const DIRECT_LIMIT: i64 = 1 << (28 + 32);
+/// Most pressure that one class may be struck with in a block, Q27 of a pascal: 4 Pa before the pan. With classes that
+/// swing no further than [`SWING_MAX`] together, every word stays inside an i32, whatever its phase.
+pub const STRIKES_MAX: u32 = 4 << 27;
+/// Largest swing of all classes together at the end of a block, bus units: 16 Pa.
+pub const SWING_MAX: u32 = 16 << 26;
 
 /// Which recurrence a class runs.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -45,6 +47,8 @@ pub struct Tuning {
     decay: u32,
     /// Below this, in both words of both ears, the resonator is silent; bus units.
     floor: i32,
+    /// How far the words may swing beyond their size now, in eighths.
+    swing: u32,
 }
 
 /// A complex number, for the few lines of tuning that want one.
@@ -81,6 +85,7 @@ impl Tuning {
         step: 0,
         decay: 0,
         floor: 0,
+        swing: 8,
     };
 
     /// The resonator of a bubble of `radius` metres at `rate` Hz.
@@ -103,19 +108,21 @@ impl Tuning {
         let det = rho * rho;
         // |1 − z|, the circle's coupling.
         let g = libm::sqrt(1.0 + det - 2.0 * z.re);
-        let (form, c0, c1, second, floor) = if g < 0.49 {
+        let (form, c0, c1, second, floor, swing) = if g < 0.49 {
             let second = Complex {
                 re: (z.re - 1.0 + g * g) / (g * det),
                 im: z.im / (g * det),
             };
             let c0 = to_fixed(-g, 32);
-            (Form::Circle, c0, to_fixed(det - 1.0, 32), second, 16)
+            (Form::Circle, c0, to_fixed(det - 1.0, 32), second, 16, 2.0)
         } else {
             let second = Complex { re: 1.0, im: 0.0 }.div(z);
             // Truncation sustains a cycle of at most 1/(1 − ρ²) units.
             let floor = 4 + (1.0 / (1.0 - det)) as i32;
             let c0 = to_fixed(2.0 * z.re, 30);
-            (Form::Direct, c0, to_fixed(-det, 30), second, floor)
+            let half = theta / 2.0;
+            let swing = 1.0 / libm::sin(half).min(libm::cos(half));
+            (Form::Direct, c0, to_fixed(-det, 30), second, floor, swing)
         };
         Self {
             form,
@@ -126,6 +133,7 @@ impl Tuning {
             step: to_fixed(turns, 32) as u32,
             decay: to_fixed(beta * core::f64::consts::LOG2_E, 31) as u32,
             floor,
+            swing: libm::ceil(8.0 * swing) as u32,
         }
     }
 
@@ -159,7 +167,8 @@ impl Tuning {
 
     /// The factors of the second word: of the sine and of the cosine.
     pub fn second_word(&self) -> [f64; 2] {
-        self.second.map(|factor| f64::from(factor) * libm::exp2(-30.0))
+        self.second
+            .map(|factor| f64::from(factor) * libm::exp2(-30.0))
     }
 
     /// ln of the pole and the factor of the second word, for the moments of a crowd.
@@ -181,6 +190,41 @@ pub struct State {
     right: [i64; 2],
 }
 
+/// What is added to the four words after one sample, Q32.32 of bus units.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct StrikeWords {
+    /// Left ear.
+    pub left: [i64; 2],
+    /// Right ear.
+    pub right: [i64; 2],
+}
+
+/// The strikes of a block, sample by sample.
+pub type Strikes = [StrikeWords; BLOCK];
+
+impl StrikeWords {
+    /// A bubble of `left` and `right` (Q27 of a pascal) whose words of amplitude 1 are given.
+    #[inline(always)]
+    pub fn of_bubble(left: i32, right: i32, words: (i32, i32)) -> Self {
+        let (first, second) = (i64::from(words.0), i64::from(words.1));
+        let (l, r) = (i64::from(left), i64::from(right));
+        // Q27·Q31 is Q58, which is Q32.32 of a bus unit of 2^-26.
+        Self {
+            left: [l * first, (l * second) << 1],
+            right: [r * first, (r * second) << 1],
+        }
+    }
+
+    /// Both together.
+    #[inline(always)]
+    pub fn add(&mut self, other: Self) {
+        for (mine, theirs) in [(&mut self.left, other.left), (&mut self.right, other.right)] {
+            mine[0] += theirs[0];
+            mine[1] += theirs[1];
+        }
+    }
+}
+
 impl State {
     /// At rest.
     pub const SILENT: Self = Self {
@@ -188,35 +232,16 @@ impl State {
         right: [0; 2],
     };
 
-    /// Adds a bubble of `left` and `right` (Q27 of a pascal) whose words are given. True where a word had to be held
-    /// at its limit.
+    /// Adds a strike.
     #[inline(always)]
-    pub fn strike(&mut self, tuning: &Tuning, left: i32, right: i32, words: (i32, i32)) -> bool {
-        let (first, second) = (i64::from(words.0), i64::from(words.1));
-        let (l, r) = (i64::from(left), i64::from(right));
-        // Q27·Q31 is Q58, which is Q32.32 of a bus unit of 2^-26.
-        self.add(
-            tuning,
-            [l * first, (l * second) << 1],
-            [r * first, (r * second) << 1],
-        )
-    }
-
-    /// Adds to all four words. True where one had to be held at its limit.
-    #[inline(always)]
-    pub fn add(&mut self, tuning: &Tuning, left: [i64; 2], right: [i64; 2]) -> bool {
-        let limit = match tuning.form {
-            Form::Circle => CIRCLE_LIMIT,
-            Form::Direct | Form::Silent => DIRECT_LIMIT,
-        };
-        let mut held = false;
-        let words = self.left.iter_mut().chain(self.right.iter_mut());
-        for (word, add) in words.zip(left.into_iter().chain(right)) {
-            let sum = word.wrapping_add(add);
-            *word = sum.clamp(-limit, limit);
-            held |= *word != sum;
+    pub fn strike(&mut self, strike: StrikeWords) {
+        for (mine, theirs) in [
+            (&mut self.left, strike.left),
+            (&mut self.right, strike.right),
+        ] {
+            mine[0] += theirs[0];
+            mine[1] += theirs[1];
         }
-        held
     }
 
     /// Runs the pair over `out`, adding.
@@ -224,52 +249,192 @@ impl State {
     pub fn run(&mut self, tuning: &Tuning, out: &mut [Frame]) {
         match tuning.form {
             Form::Silent => {}
-            Form::Circle => self.circle(tuning, out),
-            Form::Direct => self.direct(tuning, out),
+            Form::Circle => {
+                let mut run = Circle::begin(tuning, self);
+                out.iter_mut().for_each(|frame| run.step(frame));
+                *self = run.end();
+            }
+            Form::Direct => {
+                let mut run = Direct::begin(tuning, self);
+                out.iter_mut().for_each(|frame| run.step(frame));
+                *self = run.end();
+            }
         }
     }
 
+    /// Ends a block: how far the words may swing from here, bus units. 0: too soft to hear, and now at rest for good.
     #[inline(always)]
-    fn circle(&mut self, tuning: &Tuning, out: &mut [Frame]) {
-        let (g, b) = (i64::from(tuning.c0), i64::from(tuning.c1));
-        let [mut ly, mut lv] = self.left;
-        let [mut ry, mut rv] = self.right;
-        for frame in out {
-            lv = lv.wrapping_add(b * (lv >> 32)).wrapping_add(g * (ly >> 32));
-            rv = rv.wrapping_add(b * (rv >> 32)).wrapping_add(g * (ry >> 32));
-            ly = ly.wrapping_sub(g * (lv >> 32));
-            ry = ry.wrapping_sub(g * (rv >> 32));
-            frame.left = frame.left.saturating_add((ly >> 32) as i32);
-            frame.right = frame.right.saturating_add((ry >> 32) as i32);
+    pub fn settle(&mut self, tuning: &Tuning) -> u32 {
+        let size = |word: i64| ((word >> 32) as i32).unsigned_abs();
+        let loudest = |[a, b]: [i64; 2]| size(a).max(size(b));
+        let loudest = loudest(self.left).max(loudest(self.right));
+        if loudest <= tuning.floor as u32 {
+            *self = Self::SILENT;
+            return 0;
         }
-        self.left = [ly, lv];
-        self.right = [ry, rv];
+        ((u64::from(loudest) * u64::from(tuning.swing)) >> 3).min(u64::from(u32::MAX / 128)) as u32
     }
 
-    #[inline(always)]
-    fn direct(&mut self, tuning: &Tuning, out: &mut [Frame]) {
-        let (a1, a2) = (i64::from(tuning.c0), i64::from(tuning.c1));
-        let [mut l, mut l1] = self.left.map(|word| word >> 32);
-        let [mut r, mut r1] = self.right.map(|word| word >> 32);
-        for frame in out {
-            (l, l1) = (i64::from(((a1 * l + a2 * l1) >> 30) as i32), l);
-            (r, r1) = (i64::from(((a1 * r + a2 * r1) >> 30) as i32), r);
-            frame.left = frame.left.saturating_add(l as i32);
-            frame.right = frame.right.saturating_add(r as i32);
+    /// Half as loud.
+    pub fn halve(&mut self) {
+        for word in self.left.iter_mut().chain(self.right.iter_mut()) {
+            *word >>= 1;
         }
-        self.left = [l << 32, l1 << 32];
-        self.right = [r << 32, r1 << 32];
     }
+}
 
-    /// Whether nothing is left to hear; then the state is zero, for good.
+/// A resonator in registers.
+trait Recurrence {
+    fn begin(tuning: &Tuning, state: &State) -> Self;
+    /// Runs one sample and adds it.
+    fn step(&mut self, frame: &mut Frame);
+    fn strike(&mut self, strike: &StrikeWords);
+    fn end(self) -> State;
+}
+
+struct Circle {
+    g: i64,
+    b: i64,
+    left: [i64; 2],
+    right: [i64; 2],
+}
+
+impl Recurrence for Circle {
     #[inline(always)]
-    pub fn settle(&mut self, tuning: &Tuning) -> bool {
-        let floor = i64::from(tuning.floor) << 32;
-        let quiet = |word: &i64| -floor <= *word && *word <= floor;
-        let quiet = self.left.iter().all(quiet) && self.right.iter().all(quiet);
-        if quiet {
-            *self = Self::default();
+    fn begin(tuning: &Tuning, state: &State) -> Self {
+        Self {
+            g: i64::from(tuning.c0),
+            b: i64::from(tuning.c1),
+            left: state.left,
+            right: state.right,
         }
-        quiet
     }
+    #[inline(always)]
+    fn step(&mut self, frame: &mut Frame) {
+        let (g, b) = (self.g, self.b);
+        let turn = |[y, v]: &mut [i64; 2]| {
+            *v += b * (*v >> 32) + g * (*y >> 32);
+            *y -= g * (*v >> 32);
+            (*y >> 32) as i32
+        };
+        frame.left = frame.left.wrapping_add(turn(&mut self.left));
+        frame.right = frame.right.wrapping_add(turn(&mut self.right));
+    }
+    #[inline(always)]
+    fn strike(&mut self, strike: &StrikeWords) {
+        for i in 0..2 {
+            self.left[i] += strike.left[i];
+            self.right[i] += strike.right[i];
+        }
+    }
+    #[inline(always)]
+    fn end(self) -> State {
+        State {
+            left: self.left,
+            right: self.right,
+        }
+    }
+}
+
+struct Direct {
+    a1: i64,
+    a2: i64,
+    left: [i64; 2],
+    right: [i64; 2],
+}
+
+impl Recurrence for Direct {
+    #[inline(always)]
+    fn begin(tuning: &Tuning, state: &State) -> Self {
+        Self {
+            a1: i64::from(tuning.c0),
+            a2: i64::from(tuning.c1),
+            left: state.left.map(|word| word >> 32),
+            right: state.right.map(|word| word >> 32),
+        }
+    }
+    #[inline(always)]
+    fn step(&mut self, frame: &mut Frame) {
+        let (a1, a2) = (self.a1, self.a2);
+        let turn = |words: &mut [i64; 2]| {
+            let y = ((a1 * words[0] + a2 * words[1]) >> 30) as i32;
+            *words = [i64::from(y), words[0]];
+            y
+        };
+        frame.left = frame.left.wrapping_add(turn(&mut self.left));
+        frame.right = frame.right.wrapping_add(turn(&mut self.right));
+    }
+    #[inline(always)]
+    fn strike(&mut self, strike: &StrikeWords) {
+        for i in 0..2 {
+            self.left[i] += strike.left[i] >> 32;
+            self.right[i] += strike.right[i] >> 32;
+        }
+    }
+    #[inline(always)]
+    fn end(self) -> State {
+        State {
+            left: self.left.map(|word| word << 32),
+            right: self.right.map(|word| word << 32),
+        }
+    }
+}
+
+/// Runs two resonators of one form in step over a block, each struck after each sample: a desktop's core overlaps
+/// their chains of multiplications. The samples are those of running one after the other.
+#[inline(always)]
+pub fn run_two_struck(
+    tuning: [&Tuning; 2],
+    state: [&mut State; 2],
+    strikes: &[Strikes; 2],
+    out: &mut Block,
+) {
+    match tuning[0].form {
+        Form::Silent => {}
+        Form::Circle => two_struck::<Circle>(tuning, state, strikes, out),
+        Form::Direct => two_struck::<Direct>(tuning, state, strikes, out),
+    }
+}
+
+#[inline(always)]
+fn two_struck<R: Recurrence>(
+    tuning: [&Tuning; 2],
+    [one, two]: [&mut State; 2],
+    strikes: &[Strikes; 2],
+    out: &mut Block,
+) {
+    let mut a = R::begin(tuning[0], one);
+    let mut b = R::begin(tuning[1], two);
+    for (i, frame) in out.iter_mut().enumerate() {
+        a.step(frame);
+        b.step(frame);
+        a.strike(&strikes[0][i]);
+        b.strike(&strikes[1][i]);
+    }
+    (*one, *two) = (a.end(), b.end());
+}
+
+/// Runs one resonator over a block, struck after each sample.
+#[inline(always)]
+pub fn run_struck(tuning: &Tuning, state: &mut State, strikes: &Strikes, out: &mut Block) {
+    match tuning.form {
+        Form::Silent => {}
+        Form::Circle => one_struck::<Circle>(tuning, state, strikes, out),
+        Form::Direct => one_struck::<Direct>(tuning, state, strikes, out),
+    }
+}
+
+#[inline(always)]
+fn one_struck<R: Recurrence>(
+    tuning: &Tuning,
+    state: &mut State,
+    strikes: &Strikes,
+    out: &mut Block,
+) {
+    let mut run = R::begin(tuning, state);
+    for (frame, strike) in out.iter_mut().zip(strikes) {
+        run.step(frame);
+        run.strike(strike);
+    }
+    *state = run.end();
 }

@@ -71,7 +71,10 @@ impl<P: Profile> Synth<P> {
             }
         };
         observer.birth(&Birth {
-            frame: self.frame.wrapping_add(u64::from(strike.delay)).wrapping_sub(1),
+            frame: self
+                .frame
+                .wrapping_add(u64::from(strike.delay))
+                .wrapping_sub(1),
             fraction: (1 << 27) - strike.age,
             radius: strike.pitch.radius,
             rise_factor: strike.pitch.rise_factor,
@@ -84,9 +87,22 @@ impl<P: Profile> Synth<P> {
     /// Renders one block.
     pub fn render<O: Observer>(&mut self, block: &mut Block, observer: &mut O) {
         *block = [Frame::ZERO; BLOCK];
-        let Self { population, voices, stats, .. } = self;
+        let Self {
+            population,
+            voices,
+            stats,
+            ..
+        } = self;
         population.render(self.frame, voices, stats, observer, block);
-        voices.render(block);
+        if voices.sounding() > 0 {
+            // Each source keeps itself within the bus; together they might pass it.
+            let mut rising = [Frame::ZERO; BLOCK];
+            voices.render(&mut rising);
+            for (frame, add) in block.iter_mut().zip(rising) {
+                frame.left = frame.left.saturating_add(add.left);
+                frame.right = frame.right.saturating_add(add.right);
+            }
+        }
         self.mix.render(block, stats);
         self.frame = self.frame.wrapping_add(BLOCK as u64);
     }

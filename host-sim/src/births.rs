@@ -96,7 +96,7 @@ impl Sound {
             let cosine = (other - second[0] * sine) / second[1];
             (sine.hypot(cosine), sine.atan2(cosine))
         };
-        let (left, right) = (polar(crowd.left), polar(crowd.right));
+        let (left, right) = (polar(crowd.words.left), polar(crowd.words.right));
         Self {
             time: crowd.frame as f64 / rate,
             radius: f64::from(crowd.radius),
@@ -128,7 +128,10 @@ pub struct Births {
 impl Births {
     /// None yet, at `rate` Hz.
     pub fn new(rate: u32) -> Self {
-        Self { rate: f64::from(rate), sounds: Vec::new() }
+        Self {
+            rate: f64::from(rate),
+            sounds: Vec::new(),
+        }
     }
 }
 
@@ -154,15 +157,29 @@ pub struct EventLog {
 impl EventLog {
     /// Begins the file at `path`.
     pub fn create(path: &FilePath, rate: u32) -> Result<Self> {
-        let file = File::create(path).with_context(|| {
-            format!("cannot write {} (does the folder exist?)", path.display())
-        })?;
+        let file = File::create(path)
+            .with_context(|| format!("cannot write {} (does the folder exist?)", path.display()))?;
         let mut writer = csv::Writer::from_writer(BufWriter::new(file));
         writer.write_record([
-            "time", "radius_m", "amplitude", "rise_factor", "class", "left", "right",
-            "phase_left", "phase_right", "path", "births",
+            "time",
+            "radius_m",
+            "amplitude",
+            "rise_factor",
+            "class",
+            "left",
+            "right",
+            "phase_left",
+            "phase_right",
+            "path",
+            "births",
         ])?;
-        Ok(Self { rate: f64::from(rate), path: path.to_owned(), writer, waiting: Vec::new(), error: None })
+        Ok(Self {
+            rate: f64::from(rate),
+            path: path.to_owned(),
+            writer,
+            waiting: Vec::new(),
+            error: None,
+        })
     }
 
     /// Writes what is known to come before `seconds`.
@@ -189,7 +206,9 @@ impl EventLog {
             }
         }
         match self.error.take() {
-            Some(error) => Err(error).with_context(|| format!("cannot write {}", self.path.display())),
+            Some(error) => {
+                Err(error).with_context(|| format!("cannot write {}", self.path.display()))
+            }
             None => Ok(()),
         }
     }
@@ -197,7 +216,9 @@ impl EventLog {
     /// Writes the rest.
     pub fn finish(mut self) -> Result<()> {
         self.flush_before(f64::INFINITY)?;
-        self.writer.flush().with_context(|| format!("cannot write {}", self.path.display()))
+        self.writer
+            .flush()
+            .with_context(|| format!("cannot write {}", self.path.display()))
     }
 }
 

@@ -11,14 +11,22 @@ pub fn list() -> Result<String> {
     let width = SCENES.iter().map(|scene| scene.0.len()).max().unwrap_or(0);
     let lines: Result<Vec<String>> = SCENES
         .iter()
-        .map(|(name, _)| Ok(format!("{name:width$}  {}", Source::built_in(name)?.scene.sounds)))
+        .map(|(name, _)| {
+            Ok(format!(
+                "{name:width$}  {}",
+                Source::built_in(name)?.scene.sounds
+            ))
+        })
         .collect();
     Ok(lines?.join("\n"))
 }
 
 /// The parameters: all of them as a table, or those at or below `path` in full, with their values in `scene`.
 pub fn describe(path: Option<&str>, scene: Option<&str>) -> Result<String> {
-    let scene = scene.map(Source::find).transpose()?.map_or_else(SceneFile::default, |source| source.scene);
+    let scene = scene
+        .map(Source::find)
+        .transpose()?
+        .map_or_else(SceneFile::default, |source| source.scene);
     let Some(path) = path else {
         return Ok(table(&scene));
     };
@@ -29,7 +37,10 @@ pub fn describe(path: Option<&str>, scene: Option<&str>) -> Result<String> {
     if found.is_empty() {
         return Err(unknown_path(path));
     }
-    let texts: Vec<String> = found.iter().map(|&i| in_full(&TABLE[i], scene.value(i))).collect();
+    let texts: Vec<String> = found
+        .iter()
+        .map(|&i| in_full(&TABLE[i], scene.value(i)))
+        .collect();
     Ok(texts.join("\n\n"))
 }
 
@@ -67,7 +78,11 @@ fn in_full(param: &Param, current: f32) -> String {
         Curve::Linear => "linear",
         Curve::Log(_) => "logarithmic",
     };
-    let unit = if param.unit.is_empty() { "none" } else { param.unit };
+    let unit = if param.unit.is_empty() {
+        "none"
+    } else {
+        param.unit
+    };
     format!(
         "{}\n  {}\n  current  {}\n  default  {}\n  range    {} ({})\n  unit     {unit}\n  curve    {curve}\n  ramp     {} s\n  id       {}",
         param.path,

@@ -71,7 +71,11 @@ fn run(cli: Cli) -> Result<ExitCode> {
                 say(&report.summary())?;
             }
             // As a shell reports a program that Ctrl-C ended.
-            Ok(if report.interrupted { ExitCode::from(130) } else { ExitCode::SUCCESS })
+            Ok(if report.interrupted {
+                ExitCode::from(130)
+            } else {
+                ExitCode::SUCCESS
+            })
         }
         Command::List => say(&list::list()?),
         Command::Describe { path, scene } => {

@@ -64,7 +64,11 @@ pub fn voice(bubble: &Bubble, rise_factor: f64, t: f64, rate: f64) -> f64 {
         (f0 * t, f0)
     };
     let e = (-bubble.beta * t).exp();
-    let attack = if e >= 0.85 { (-(e - 0.85) * (e - 0.85) / 0.002_812_5).exp() } else { 1.0 };
+    let attack = if e >= 0.85 {
+        (-(e - 0.85) * (e - 0.85) / 0.002_812_5).exp()
+    } else {
+        1.0
+    };
     let edge = if slope > 0.0 {
         ((PITCH_LIMIT - pitch / rate) / (PITCH_LIMIT - RISE_FADE)).clamp(0.0, 1.0)
     } else {

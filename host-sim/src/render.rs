@@ -93,7 +93,12 @@ pub struct Report {
 /// Renders what is asked. `stop` ends it early with a valid file.
 pub fn render(request: &Request, stop: &Arc<AtomicBool>) -> Result<Report> {
     if !RATES.contains(&request.rate) {
-        bail!("--rate {}: expected from {} to {} Hz", request.rate, RATES.start(), RATES.end());
+        bail!(
+            "--rate {}: expected from {} to {} Hz",
+            request.rate,
+            RATES.start(),
+            RATES.end()
+        );
     }
     let mut source = Source::find(&request.source)?;
     for assignment in &request.set {
@@ -102,29 +107,49 @@ pub fn render(request: &Request, stop: &Arc<AtomicBool>) -> Result<Report> {
     let output = output_kind(request);
     if request.raw {
         put(&mut source.scene.scene, param::WIDTH, 0.0);
-        source.scene.scene.curves.retain(|curve| curve.param != param::WIDTH);
+        source
+            .scene
+            .scene
+            .curves
+            .retain(|curve| curve.param != param::WIDTH);
     }
     let frames = frames(request, &source)?;
-    let path = request.output.clone().unwrap_or_else(|| format!("{}.wav", source.name).into());
+    let path = request
+        .output
+        .clone()
+        .unwrap_or_else(|| format!("{}.wav", source.name).into());
     let format = match output {
         Output::Raw => Format::Float32,
         Output::Bits16 => Format::Int16,
         Output::Bits24 => Format::Int24,
     };
     // Everything that can be refused is, before the sound's file is begun.
-    let strikes = source.events.as_ref().map(|file| file.strikes(request.rate)).transpose()?;
-    let log = request.events.as_deref().map(|path| EventLog::create(path, request.rate)).transpose()?;
+    let strikes = source
+        .events
+        .as_ref()
+        .map(|file| file.strikes(request.rate))
+        .transpose()?;
+    let log = request
+        .events
+        .as_deref()
+        .map(|path| EventLog::create(path, request.rate))
+        .transpose()?;
     if let Some(path) = &request.spectrogram {
         check_writable(path)?;
     }
     let wav = WavWriter::create(&path, format, request.rate, frames)?;
-    let player = request.board.player(&source.scene.scene, request.rate, request.seed, output);
+    let player = request
+        .board
+        .player(&source.scene.scene, request.rate, request.seed, output);
     let mut job = Job {
         player,
         strikes,
         log,
         wav,
-        picture: request.spectrogram.is_some().then(|| Spectrogram::new(request.rate, frames)),
+        picture: request
+            .spectrogram
+            .is_some()
+            .then(|| Spectrogram::new(request.rate, frames)),
         scale: full_scale(output),
         output,
         rate: request.rate,
@@ -292,9 +317,12 @@ fn progress(frames: u64, rate: u32) -> ProgressBar {
     let bar = ProgressBar::with_draw_target(Some(frames), ProgressDrawTarget::stderr());
     let style = ProgressStyle::with_template("{bar:40} {percent:>3} %  {speed}  {eta} left")
         .expect("the template is valid")
-        .with_key("speed", move |state: &indicatif::ProgressState, out: &mut dyn std::fmt::Write| {
-            let _ = write!(out, "{:.1} x real time", state.per_sec() / f64::from(rate));
-        });
+        .with_key(
+            "speed",
+            move |state: &indicatif::ProgressState, out: &mut dyn std::fmt::Write| {
+                let _ = write!(out, "{:.1} x real time", state.per_sec() / f64::from(rate));
+            },
+        );
     bar.set_style(style);
     bar
 }
@@ -305,15 +333,29 @@ impl Report {
         let seconds = self.frames as f64 / f64::from(self.rate);
         let speed = seconds / self.elapsed.as_secs_f64().max(1e-9);
         let stats = &self.stats;
-        let db = |x: f64| if x > 0.0 { format!("{:.1} dBFS", 20.0 * x.log10()) } else { "silence".into() };
+        let db = |x: f64| {
+            if x > 0.0 {
+                format!("{:.1} dBFS", 20.0 * x.log10())
+            } else {
+                "silence".into()
+            }
+        };
         let mut lines = vec![
             format!(
                 "{}  {seconds:.3} s at {} Hz, rendered at {speed:.0} x real time{}",
                 self.output.display(),
                 self.rate,
-                if self.interrupted { " (stopped early)" } else { "" },
+                if self.interrupted {
+                    " (stopped early)"
+                } else {
+                    ""
+                },
             ),
-            format!("births    {} ({} a second)", stats.births, (stats.births as f64 / seconds).round()),
+            format!(
+                "births    {} ({} a second)",
+                stats.births,
+                (stats.births as f64 / seconds).round()
+            ),
             format!("peak      {}, rms {}", db(self.peak), db(self.rms)),
             format!("voices    {} at most, {} stolen", self.voices, stats.stolen),
         ];
@@ -322,17 +364,31 @@ impl Report {
                 lines.push(format!("note      {count} {text}"));
             }
         };
-        note(stats.unvoiced, "rising bubbles found no voice and sounded in their class");
+        note(
+            stats.unvoiced,
+            "rising bubbles found no voice and sounded in their class",
+        );
         note(stats.dropped, "bubbles found no voice and were not sounded");
-        note(stats.too_high, "bubbles were too high for the sample rate and were not sounded");
-        note(stats.late, "blocks had more births than the board takes; the rest came a block later");
-        note(stats.overloads, "births found their resonator at its limit: lower water.pressure");
+        note(
+            stats.too_high,
+            "bubbles were too high for the sample rate and were not sounded",
+        );
+        note(
+            stats.late,
+            "blocks had more births than the board takes; the rest came a block later",
+        );
+        note(
+            stats.overloads,
+            "births found their resonator at its limit: lower water.pressure",
+        );
         note(stats.limited, "frames were held down by the limiter");
         if self.output_clips() {
             lines.push("note      the sound passes full scale: lower mix.level".into());
         }
         if let Some((asked, most)) = self.rate_cut {
-            lines.push(format!("note      {asked} births a second asked for, {most} is the board's most"));
+            lines.push(format!(
+                "note      {asked} births a second asked for, {most} is the board's most"
+            ));
         }
         lines.join("\n")
     }

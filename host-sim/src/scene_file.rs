@@ -35,9 +35,8 @@ pub struct SceneFile {
 impl SceneFile {
     /// Reads a scene file.
     pub fn open(path: &Path) -> Result<Self> {
-        let bytes = fs::read(path).with_context(|| {
-            format!("cannot read {} (does the file exist?)", path.display())
-        })?;
+        let bytes = fs::read(path)
+            .with_context(|| format!("cannot read {} (does the file exist?)", path.display()))?;
         let name = path.display().to_string();
         let text = String::from_utf8(bytes).map_err(|error| {
             let at = error.utf8_error().valid_up_to();
@@ -65,7 +64,9 @@ impl SceneFile {
                 ("intensity", DeValue::Table(table)) => {
                     reader.intensity(table, &mut file.scene)?;
                 }
-                (path, _) => reader.value(path, key.span().start, value, &mut file.scene, &mut named)?,
+                (path, _) => {
+                    reader.value(path, key.span().start, value, &mut file.scene, &mut named)?
+                }
             }
         }
         for curve in &file.scene.curves {
@@ -109,7 +110,10 @@ impl SceneFile {
 pub fn put(scene: &mut Scene, index: usize, value: f32) {
     match scene.values.iter_mut().find(|old| old.0 == index) {
         Some(old) => old.1 = value,
-        None => scene.values.push((index, value)).expect("a scene holds every parameter"),
+        None => scene
+            .values
+            .push((index, value))
+            .expect("a scene holds every parameter"),
     }
 }
 
@@ -117,7 +121,9 @@ pub fn put(scene: &mut Scene, index: usize, value: f32) {
 pub fn unknown_path(path: &str) -> anyhow::Error {
     let paths = TABLE.iter().map(|param| param.path);
     match nearest(path, paths) {
-        Some(near) => anyhow!("no parameter `{path}`; did you mean `{near}`? (`freshet describe` lists all)"),
+        Some(near) => {
+            anyhow!("no parameter `{path}`; did you mean `{near}`? (`freshet describe` lists all)")
+        }
         None => anyhow!("no parameter `{path}` (`freshet describe` lists all)"),
     }
 }
@@ -133,7 +139,11 @@ pub fn nearest<'a>(name: &str, among: impl Iterator<Item = &'a str>) -> Option<&
 
 /// What a parameter takes, in words.
 pub fn expectation(param: &Param) -> String {
-    let unit = if param.unit.is_empty() { String::new() } else { format!(" {}", param.unit) };
+    let unit = if param.unit.is_empty() {
+        String::new()
+    } else {
+        format!(" {}", param.unit)
+    };
     match param.kind {
         Kind::Real => format!("a number from {} to {}{unit}", param.min, param.max),
         Kind::Whole => format!("a whole number from {} to {}{unit}", param.min, param.max),
@@ -178,7 +188,10 @@ impl Reader<'_> {
     fn error(&self, at: usize, message: impl std::fmt::Display) -> anyhow::Error {
         let before = &self.text.as_bytes()[..at.min(self.text.len())];
         let line = before.iter().filter(|byte| **byte == b'\n').count() + 1;
-        let start = before.iter().rposition(|byte| *byte == b'\n').map_or(0, |at| at + 1);
+        let start = before
+            .iter()
+            .rposition(|byte| *byte == b'\n')
+            .map_or(0, |at| at + 1);
         let column = String::from_utf8_lossy(&before[start..]).chars().count() + 1;
         anyhow!("{}:{line}:{column}: {message}", self.name)
     }
@@ -202,7 +215,10 @@ impl Reader<'_> {
             }
             DeValue::Array(weights) if path == "water.weight" => {
                 if weights.len() > 64 {
-                    let message = format!("{} weights: a population has at most 64 classes", weights.len());
+                    let message = format!(
+                        "{} weights: a population has at most 64 classes",
+                        weights.len()
+                    );
                     return Err(self.error(value.span().start, message));
                 }
                 for (k, weight) in weights.iter().enumerate() {
@@ -227,7 +243,14 @@ impl Reader<'_> {
         let at = value.span().start;
         let parsed = match value.get_ref() {
             DeValue::Integer(number) => i64::from_str_radix(number.as_str(), number.radix())
-                .map_err(|_| anyhow!("{} = {}: expected {}", param.path, number.as_str(), expectation(param)))
+                .map_err(|_| {
+                    anyhow!(
+                        "{} = {}: expected {}",
+                        param.path,
+                        number.as_str(),
+                        expectation(param)
+                    )
+                })
                 .and_then(|number| check(param, number as f32, &number.to_string())),
             DeValue::Float(number) => parse_value(param, number.as_str()),
             DeValue::Boolean(on) if matches!(param.kind, Kind::Choice(param::SWITCH)) => {
@@ -246,20 +269,32 @@ impl Reader<'_> {
         for (key, value) in table {
             let (path, at) = (key.get_ref().as_ref(), key.span().start);
             if path == "at" {
-                put(scene, param::INTENSITY, self.number(&TABLE[param::INTENSITY], value)?);
+                put(
+                    scene,
+                    param::INTENSITY,
+                    self.number(&TABLE[param::INTENSITY], value)?,
+                );
                 continue;
             }
             if let DeValue::Table(_) = value.get_ref() {
-                let hint = format!("write the path in quotes, like \"{path}.rate\" = [[0, 100], [1, 1000]]");
+                let hint = format!(
+                    "write the path in quotes, like \"{path}.rate\" = [[0, 100], [1, 1000]]"
+                );
                 return Err(self.error(at, hint));
             }
             let index = param::index_of(path).ok_or_else(|| self.error(at, unknown_path(path)))?;
             if index == param::INTENSITY {
-                return Err(self.error(at, "the intensity cannot move itself; `at` says where it stands"));
+                return Err(self.error(
+                    at,
+                    "the intensity cannot move itself; `at` says where it stands",
+                ));
             }
             let curve = self.curve(index, value)?;
             if scene.curves.push(curve).is_err() {
-                return Err(self.error(at, format!("an intensity moves at most {CURVES} parameters")));
+                return Err(self.error(
+                    at,
+                    format!("an intensity moves at most {CURVES} parameters"),
+                ));
             }
         }
         Ok(())
@@ -267,11 +302,15 @@ impl Reader<'_> {
 
     fn curve(&self, index: usize, value: &Spanned<DeValue<'_>>) -> Result<IntensityCurve> {
         let at = value.span().start;
-        let wanted = "expected points [intensity, value] in order of intensity, like [[0, 100], [1, 1000]]";
+        let wanted =
+            "expected points [intensity, value] in order of intensity, like [[0, 100], [1, 1000]]";
         let DeValue::Array(points) = value.get_ref() else {
             return Err(self.error(at, wanted));
         };
-        let mut curve = IntensityCurve { param: index, points: Default::default() };
+        let mut curve = IntensityCurve {
+            param: index,
+            points: Default::default(),
+        };
         for point in points.iter() {
             let at = point.span().start;
             let pair = match point.get_ref() {
@@ -300,7 +339,9 @@ impl Reader<'_> {
             value.map_or(TABLE[index].default, |value| value.1)
         };
         let (min, max) = (get(param::RADIUS_MIN), get(param::RADIUS_MAX));
-        let at = named.iter().find(|(index, _)| [param::RADIUS_MIN, param::RADIUS_MAX].contains(index));
+        let at = named
+            .iter()
+            .find(|(index, _)| [param::RADIUS_MIN, param::RADIUS_MAX].contains(index));
         match at {
             Some((_, at)) if min > max => Err(self.error(
                 *at,

@@ -37,7 +37,10 @@ impl Source {
     /// Finds what `name` means: a scene that travels with the command, a `.toml` or a `.csv`.
     pub fn find(name: &str) -> Result<Self> {
         let path = Path::new(name);
-        let stem = || path.file_stem().map_or(name.into(), |stem| stem.to_string_lossy());
+        let stem = || {
+            path.file_stem()
+                .map_or(name.into(), |stem| stem.to_string_lossy())
+        };
         match path.extension().and_then(|extension| extension.to_str()) {
             Some("toml") => Ok(Self {
                 name: stem().into_owned(),
@@ -62,23 +65,38 @@ impl Source {
                 bail!("{name}: expected a scene (.toml) or bubble events (.csv)")
             }
             None => match nearest(&plain, SCENES.iter().map(|scene| scene.0)) {
-                Some(near) => bail!("no scene `{name}`; did you mean `{near}`? (`freshet list` shows all)"),
-                None => bail!("no scene `{name}` (`freshet list` shows all; files end in .toml or .csv)"),
+                Some(near) => {
+                    bail!("no scene `{name}`; did you mean `{near}`? (`freshet list` shows all)")
+                }
+                None => bail!(
+                    "no scene `{name}` (`freshet list` shows all; files end in .toml or .csv)"
+                ),
             },
         }
     }
 
     /// A file of bubble events, read once through so that a fault is found before anything is written.
     fn events(name: String, path: &Path) -> Result<Self> {
-        let mut file = EventFile { path: path.to_owned(), count: 0, end: 0.0 };
+        let mut file = EventFile {
+            path: path.to_owned(),
+            count: 0,
+            end: 0.0,
+        };
         for event in BubbleEvents::open(path)? {
             let event = event?;
             file.count += 1;
             file.end = file.end.max(event.time + ring_time(event.radius));
         }
-        let mut scene = SceneFile { title: name.clone(), ..SceneFile::default() };
+        let mut scene = SceneFile {
+            title: name.clone(),
+            ..SceneFile::default()
+        };
         put(&mut scene.scene, param::RATE, 0.0);
-        Ok(Self { name, scene, events: Some(file) })
+        Ok(Self {
+            name,
+            scene,
+            events: Some(file),
+        })
     }
 }
 
@@ -109,9 +127,15 @@ impl Strikes {
     /// The next strike of those born before frame `end`, counted from frame `start`.
     pub fn next_before(&mut self, start: u64, end: u64) -> Result<Option<Strike>> {
         if self.next.is_none() {
-            self.next = self.events.next().transpose().context("the file changed while it was read")?;
+            self.next = self
+                .events
+                .next()
+                .transpose()
+                .context("the file changed while it was read")?;
         }
-        let Some(event) = &self.next else { return Ok(None) };
+        let Some(event) = &self.next else {
+            return Ok(None);
+        };
         let at = event.time * self.rate;
         if at >= end as f64 {
             return Ok(None);

@@ -14,7 +14,9 @@ use freshet_host::source::{SCENES, Source};
 
 /// A scene from TOML.
 pub fn scene(toml: &str) -> Scene {
-    SceneFile::parse("test", toml).expect("the scene is valid").scene
+    SceneFile::parse("test", toml)
+        .expect("the scene is valid")
+        .scene
 }
 
 /// A scene that comes with the command.
@@ -61,7 +63,11 @@ pub fn play(player: &mut dyn Player, frames: usize, observer: &mut dyn Observer)
 pub fn raw(scene: &Scene, rate: u32, seed: u64, seconds: f64) -> (Vec<[f64; 2]>, Births) {
     let mut player = desk(scene, rate, seed, Output::Raw);
     let mut births = Births::new(rate);
-    let frames = play(&mut *player, (seconds * f64::from(rate)) as usize, &mut births);
+    let frames = play(
+        &mut *player,
+        (seconds * f64::from(rate)) as usize,
+        &mut births,
+    );
     (pascal(&frames), births)
 }
 
