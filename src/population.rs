@@ -360,7 +360,7 @@ impl Tuning {
 /// Gains of both ears, Q30, from 8 random bits and the width (256: full).
 #[inline(always)]
 fn pan(draw: u32, width: i32) -> [i32; 2] {
-    let at = (128 + (((draw & 0xff) as i32 - 128) * width >> 8)) as usize & 0xff;
+    let at = (128 + ((((draw & 0xff) as i32 - 128) * width) >> 8)) as usize & 0xff;
     [PAN[256 - at], PAN[at]]
 }
 
@@ -709,8 +709,8 @@ where
             self.report(k, position, [0; 2], Path::Class);
             return None;
         }
-        let pressure = (u64::from(flow.pressure) * u64::from(exp2_neg(decayed)) >> 31) as u32;
-        let [left, right] = pan.map(|gain| (i64::from(pressure) * i64::from(gain) >> 30) as i32);
+        let pressure = ((u64::from(flow.pressure) * u64::from(exp2_neg(decayed))) >> 31) as u32;
+        let [left, right] = pan.map(|gain| ((i64::from(pressure) * i64::from(gain)) >> 30) as i32);
         if !self.has_room(pressure) {
             self.report(k, position, [0; 2], Path::Dropped);
             return None;
@@ -744,8 +744,8 @@ where
     #[inline(never)]
     fn voice(&mut self, k: usize, position: u32, soft: u32, pan: [i32; 2]) -> bool {
         let flow = &self.settings.flow[k];
-        let pressure = u64::from(flow.voice_pressure) * u64::from(exp2_neg(soft)) >> 31;
-        let gain = pan.map(|gain| (pressure * gain as u64 >> 30).min(i32::MAX as u64) as i32);
+        let pressure = (u64::from(flow.voice_pressure) * u64::from(exp2_neg(soft))) >> 31;
+        let gain = pan.map(|gain| ((pressure * gain as u64) >> 30).min(i32::MAX as u64) as i32);
         let age = (1 << 27) - (position & 0x07ff_ffff);
         let delay = (position >> 27) + 1;
         let voice = self.settings.pitch[k].start(age, delay, gain);

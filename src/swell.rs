@@ -47,7 +47,7 @@ impl Swell {
             }
             let free = settings.irregularity;
             self.length = 1.0 + free * (self.random.uniform() - 0.5);
-            self.height = 1.0 - 0.7 * free * self.random.uniform();
+            self.height = 1.0 - 0.5 * free * self.random.uniform();
         }
         // A raised cosine up, and a longer one down: no corner anywhere.
         let attack = settings.attack;

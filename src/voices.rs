@@ -197,6 +197,8 @@ struct Run {
     phase: u32,
     step: u32,
     slope: u32,
+    /// How far the step, a mean over the sample to come, is ahead of the pitch at the sample itself.
+    ahead: u32,
     envelope: i32,
 }
 
@@ -225,20 +227,28 @@ impl Voice {
         let (rising, rest) = out.split_at_mut(ramping);
         let mut envelope = envelope;
         if !rising.is_empty() {
-            envelope = self.run(rising, envelope, self.slope, plain);
+            let step = self.pitch + (self.slope >> 1);
+            envelope = self.run(rising, envelope, [self.pitch, step, self.slope], plain);
+            self.ramp -= (ramping as u64) << 32;
         }
         if let Some((corner, steady)) = rest.split_first_mut() {
             if self.ramp > 0 {
                 // The sample in which the ramp ends: ∫ = limit − slope·f²/2.
                 let f = u128::from(self.ramp);
-                let missing = (u128::from(self.slope) * f * f >> 65) as u64;
+                let missing = ((u128::from(self.slope) * f * f) >> 65) as u64;
+                let pitch = self.limit - ((u128::from(self.slope) * f) >> 32) as u64;
+                let step = self.limit - missing;
                 self.ramp = 0;
-                self.pitch = self.limit - missing;
-                envelope = self.run(core::slice::from_mut(corner), envelope, 0, plain);
+                envelope = self.run(
+                    core::slice::from_mut(corner),
+                    envelope,
+                    [pitch, step, 0],
+                    plain,
+                );
                 self.pitch = self.limit;
-                envelope = self.run(steady, envelope, 0, plain);
+                envelope = self.run(steady, envelope, [self.limit, self.limit, 0], plain);
             } else {
-                envelope = self.run(rest, envelope, 0, plain);
+                envelope = self.run(rest, envelope, [self.pitch, self.pitch, 0], plain);
             }
         }
         if whole {
@@ -252,15 +262,22 @@ impl Voice {
         self.fade != 1 && !edge && (self.envelope >> 32) as u32 > self.floor
     }
 
-    /// Runs over `out` with the given slope; returns the envelope after it.
+    /// Runs over `out`; the pitch at its first sample, the mean over the sample to come and its growth from sample to
+    /// sample are given. Returns the envelope after it.
     #[inline(always)]
-    fn run(&mut self, out: &mut [Frame], envelope: i32, slope: u64, plain: bool) -> i32 {
+    fn run(
+        &mut self,
+        out: &mut [Frame],
+        envelope: i32,
+        [pitch, step, slope]: [u64; 3],
+        plain: bool,
+    ) -> i32 {
         let n = out.len() as u64;
-        let step = self.pitch + (slope >> 1);
         let mut run = Run {
             phase: (self.phase >> 32) as u32,
             step: (step >> 32) as u32,
             slope: (slope >> 32) as u32,
+            ahead: ((step - pitch) >> 32) as u32,
             envelope,
         };
         if plain {
@@ -268,14 +285,12 @@ impl Voice {
         } else {
             self.shaped(&mut run, out);
         }
-        let grown = slope.wrapping_mul(n);
         let triangle = slope.wrapping_mul(n * n.saturating_sub(1) / 2);
         self.phase = self
             .phase
             .wrapping_add(step.wrapping_mul(n))
             .wrapping_add(triangle);
-        self.pitch = self.pitch.wrapping_add(grown);
-        self.ramp -= if slope == 0 { 0 } else { n << 32 };
+        self.pitch = pitch.wrapping_add(slope.wrapping_mul(n));
         run.envelope
     }
 
@@ -301,8 +316,9 @@ impl Voice {
             if shape >= ATTACK_END {
                 shape = mul_high(shape, soft_attack(shape)) << 1;
             }
-            if edged && run.step > EDGE_START {
-                let left = EDGE_END.saturating_sub(run.step);
+            let pitch = run.step - run.ahead;
+            if edged && pitch > EDGE_START {
+                let left = EDGE_END.saturating_sub(pitch);
                 let part = (u64::from(left) << 31) / u64::from(EDGE_END - EDGE_START);
                 shape = mul_high(shape, part.min(0x7fff_ffff) as i32) << 1;
             }

@@ -1,13 +1,15 @@
 //! Every birth with its physical figures, as the core reports it: for the events file and the reference rendering.
 
 use std::fs::File;
-use std::io::BufWriter;
+use std::io::{self, BufWriter};
 use std::path::{Path as FilePath, PathBuf};
 
-use anyhow::{Context, Result};
+use anyhow::Result;
 use freshet::bubble::Bubble;
 use freshet::observer::{Birth, Crowd, Observer, Path};
 use freshet::resonator::Tuning;
+
+use crate::wav::write_error;
 
 /// One sound that the core began.
 #[derive(Clone, Copy, Debug)]
@@ -83,7 +85,7 @@ impl Sound {
                 Path::Dropped => SoundPath::Dropped,
                 Path::TooHigh => SoundPath::TooHigh,
             },
-            class: (birth.class < u8::MAX).then_some(birth.class + 1),
+            class: birth.class.checked_add(1),
             births: 1,
         }
     }
@@ -151,14 +153,13 @@ pub struct EventLog {
     writer: csv::Writer<BufWriter<File>>,
     /// Sounds of the current stretch, to be written in order of time.
     waiting: Vec<Sound>,
-    error: Option<csv::Error>,
+    error: Option<io::Error>,
 }
 
 impl EventLog {
     /// Begins the file at `path`.
     pub fn create(path: &FilePath, rate: u32) -> Result<Self> {
-        let file = File::create(path)
-            .with_context(|| format!("cannot write {} (does the folder exist?)", path.display()))?;
+        let file = File::create(path).map_err(|error| write_error(&path.display(), &error))?;
         let mut writer = csv::Writer::from_writer(BufWriter::new(file));
         writer.write_record([
             "time",
@@ -202,13 +203,11 @@ impl EventLog {
                 sound.births.to_string(),
             ]);
             if let Err(error) = written {
-                self.error.get_or_insert(error);
+                self.error.get_or_insert(error.into());
             }
         }
         match self.error.take() {
-            Some(error) => {
-                Err(error).with_context(|| format!("cannot write {}", self.path.display()))
-            }
+            Some(error) => Err(write_error(&self.path.display(), &error)),
             None => Ok(()),
         }
     }
@@ -218,7 +217,7 @@ impl EventLog {
         self.flush_before(f64::INFINITY)?;
         self.writer
             .flush()
-            .with_context(|| format!("cannot write {}", self.path.display()))
+            .map_err(|error| write_error(&self.path.display(), &error))
     }
 }
 

@@ -433,14 +433,15 @@ impl Lines {
     }
 }
 
+/// The error for a file that could not be read, with what to do about it.
 #[cold]
-fn cannot_read(path: &Path, error: &std::io::Error) -> anyhow::Error {
+pub(crate) fn cannot_read(path: &Path, error: &std::io::Error) -> anyhow::Error {
     use std::io::ErrorKind::{IsADirectory, NotFound, PermissionDenied};
     let reason = error.to_string();
     let reason = reason.split(" (os error").next().unwrap_or_default();
     let hint = match error.kind() {
         NotFound => " (is the path right?)",
-        IsADirectory => " (expected a CSV file)",
+        IsADirectory => " (expected a file)",
         PermissionDenied => " (may you read it?)",
         _ => "",
     };

@@ -202,7 +202,7 @@ fn frames(request: &Request, source: &Source) -> Result<u64> {
         (None, None) => SCENE_SECONDS,
     };
     let frames = (seconds * f64::from(request.rate)).round();
-    if !(frames >= 1.0 && frames < 1e15) {
+    if !(1.0..1e15).contains(&frames) {
         bail!("--seconds {seconds}: expected a number above 0");
     }
     Ok(frames as u64)

@@ -167,10 +167,10 @@ fn check(param: &Param, value: f32, shown: &str) -> Result<f32> {
 }
 
 fn parse_value(param: &Param, text: &str) -> Result<f32> {
-    if let Kind::Choice(names) = param.kind {
-        if let Some(index) = names.iter().position(|name| *name == text) {
-            return Ok(index as f32);
-        }
+    if let Kind::Choice(names) = param.kind
+        && let Some(index) = names.iter().position(|name| *name == text)
+    {
+        return Ok(index as f32);
     }
     match text.parse::<f32>() {
         Ok(value) => check(param, value, text),
