@@ -21,13 +21,16 @@ fn main() {
     let q31 = libm::exp2(31.0);
     let turn = 2.0 * std::f64::consts::PI;
     let mut out = String::new();
-    table(
-        &mut out,
-        "SINE",
-        "sin of i/1024 turn, full scale 2^31 - 8, a turn and a quarter and one more.",
-        "i32",
-        (0..=1024 + 256).map(|i| libm::sin(turn * f64::from(i) / 1024.0) * (q31 - 8.0)),
-    );
+    let sine = |i: i32| libm::round(libm::sin(turn * f64::from(i) / 1024.0) * (q31 - 8.0)) as i64;
+    let pairs: Vec<String> = (0..1024)
+        .map(|i| format!("[{}, {}]", sine(i), 2 * (sine(i + 1) - sine(i))))
+        .collect();
+    writeln!(
+        out,
+        "/// sin of i/1024 turn, full scale 2^31 - 8, and twice its growth to the next entry.\npub static SINE: [[i32; 2]; 1024] = [{}];",
+        pairs.join(", ")
+    )
+    .unwrap();
     table(
         &mut out,
         "LOG2",

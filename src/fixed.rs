@@ -17,11 +17,17 @@ pub fn mul_high(a: i32, b: i32) -> i32 {
     ((i64::from(a) * i64::from(b) + (1 << 31)) >> 32) as i32
 }
 
+/// High word of the product, rounded down (SMMUL).
+#[inline(always)]
+pub fn mul_high_down(a: i32, b: i32) -> i32 {
+    ((i64::from(a) * i64::from(b)) >> 32) as i32
+}
+
 /// Sine of `phase` (2^32 to the turn), Q31, within 5e-6 of full scale.
 #[inline(always)]
 pub fn sine(phase: u32) -> i32 {
-    let i = (phase >> 22) as usize;
-    interpolate(SINE[i], SINE[i + 1], phase << 10)
+    let [value, growth] = SINE[(phase >> 22) as usize];
+    value + mul_high_down(growth, ((phase << 9) & 0x7fff_ffff) as i32)
 }
 
 /// Sine and cosine of `phase`, Q31, within 5e-6 of full scale: the nearest entry, turned by the small rest.
@@ -29,7 +35,7 @@ pub fn sine(phase: u32) -> i32 {
 pub fn sine_cosine(phase: u32) -> (i32, i32) {
     let near = phase.wrapping_add(1 << 21);
     let i = (near >> 22) as usize;
-    let (s, c) = (SINE[i], SINE[i + 256]);
+    let (s, c) = (SINE[i][0], SINE[(i + 256) & 1023][0]);
     // The rest in radians, Q32.
     let rest = phase.wrapping_sub(near & !0x003f_ffff) as i32;
     let angle = mul_high(rest << 4, TWO_PI);
@@ -38,13 +44,6 @@ pub fn sine_cosine(phase: u32) -> (i32, i32) {
 
 /// 2π, Q28.
 const TWO_PI: i32 = 1_686_629_713;
-
-/// From `a` to `b` by the fraction `t` (Q32); the two are neighbours in a table, so their difference is small.
-#[inline(always)]
-fn interpolate(a: i32, b: i32, t: u32) -> i32 {
-    let step = b.wrapping_sub(a) << 1;
-    a.wrapping_add(mul_high(step, (t >> 1) as i32))
-}
 
 /// `-log2(n / 2^32)`, Q26, within 3e-6; 0 is taken as 1.
 #[inline(always)]

@@ -3,7 +3,7 @@
 use crate::voices::Voice;
 
 /// A board's capacities. The same profile, seed, scene and events give the same samples on every machine.
-pub trait Profile: Clone + core::fmt::Debug {
+pub trait Profile: Clone + Send + core::fmt::Debug {
     /// The name on the command line.
     const NAME: &'static str;
     /// Slots for voices; three quarters of them may sound at once, the rest are for stolen ones that fade.
@@ -13,7 +13,7 @@ pub trait Profile: Clone + core::fmt::Debug {
     /// Most births in a block: far beyond what chance makes of `MAX_RATE`.
     const BIRTHS_PER_BLOCK: u32;
     /// Where voices live.
-    type Voices: AsRef<[Voice]> + AsMut<[Voice]> + Clone + core::fmt::Debug;
+    type Voices: AsRef<[Voice]> + AsMut<[Voice]> + Clone + Send + core::fmt::Debug;
     /// `VOICES` idle slots.
     fn voices() -> Self::Voices;
 }

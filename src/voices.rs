@@ -4,7 +4,7 @@
 //! re-anchored every block; so pitch and decay do not drift however long a bubble rings.
 
 use crate::bubble::Bubble;
-use crate::fixed::{ATTACK, exp2_neg, mul_high, sine, to_fixed, to_fixed_u64};
+use crate::fixed::{ATTACK, exp2_neg, mul_high, mul_high_down, sine, to_fixed, to_fixed_u64};
 use crate::frame::{BLOCK, Block, Frame};
 use crate::resonator::PITCH_LIMIT;
 
@@ -281,7 +281,11 @@ impl Voice {
             envelope,
         };
         if plain {
-            self.steady(&mut run, out);
+            match <&mut Block>::try_from(&mut *out) {
+                // The length known, the loop unrolls.
+                Ok(block) => self.steady(&mut run, block),
+                Err(_) => self.steady(&mut run, out),
+            }
         } else {
             self.shaped(&mut run, out);
         }
@@ -299,7 +303,7 @@ impl Voice {
     fn steady(&self, run: &mut Run, out: &mut [Frame]) {
         let [left, right] = self.gain;
         for frame in out {
-            let swing = mul_high(sine(run.phase), run.envelope);
+            let swing = mul_high_down(sine(run.phase), run.envelope);
             frame.left = frame.left.wrapping_add(mul_high(swing, left));
             frame.right = frame.right.wrapping_add(mul_high(swing, right));
             run.advance(self.loss);
@@ -339,7 +343,7 @@ impl Run {
     fn advance(&mut self, loss: i32) {
         self.phase = self.phase.wrapping_add(self.step);
         self.step = self.step.wrapping_add(self.slope);
-        self.envelope = self.envelope.wrapping_sub(mul_high(self.envelope, loss));
+        self.envelope = self.envelope - mul_high_down(self.envelope, loss);
     }
 }
 

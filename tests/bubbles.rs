@@ -35,7 +35,10 @@ fn measure(sound: &[f64], rate: f64, about: f64) -> (f64, f64) {
     let radius = (-q).sqrt();
     let angle = (p / (2.0 * radius)).acos();
     let step = stride as f64 / rate;
-    (angle / step / (2.0 * std::f64::consts::PI), -radius.ln() / step)
+    (
+        angle / step / (2.0 * std::f64::consts::PI),
+        -radius.ln() / step,
+    )
 }
 
 /// Largest errors of pitch (percent) and decay (percent), inside and outside 0.2 to 50 mm.
@@ -49,7 +52,11 @@ impl Worst {
     fn add(&mut self, radius_mm: f64, bubble: &Bubble, (pitch, decay): (f64, f64)) {
         let errors = [pitch / bubble.pitch() - 1.0, decay / bubble.beta - 1.0];
         let inner = (0.2..=50.0).contains(&radius_mm);
-        let worst = if inner { &mut self.inner } else { &mut self.outer };
+        let worst = if inner {
+            &mut self.inner
+        } else {
+            &mut self.outer
+        };
         for (worst, error) in worst.iter_mut().zip(errors) {
             *worst = worst.max(error.abs() * 100.0);
         }
@@ -57,8 +64,14 @@ impl Worst {
 
     fn check(&self, what: &str) {
         let Self { inner, outer } = self;
-        println!("{what}: 0.2 to 50 mm pitch {:.5} %, decay {:.4} %", inner[0], inner[1]);
-        println!("{what}: outside that  pitch {:.5} %, decay {:.4} %", outer[0], outer[1]);
+        println!(
+            "{what}: 0.2 to 50 mm pitch {:.5} %, decay {:.4} %",
+            inner[0], inner[1]
+        );
+        println!(
+            "{what}: outside that  pitch {:.5} %, decay {:.4} %",
+            outer[0], outer[1]
+        );
         assert!(inner[0] < 0.05 && inner[1] < 1.0, "{what}: {inner:?} %");
         assert!(outer[0] < 0.5 && outer[1] < 3.0, "{what}: {outer:?} %");
     }
@@ -75,10 +88,17 @@ fn pitch_and_decay_of_physics_1_match_its_table() {
     for (mm, f0, beta) in table {
         let bubble = Bubble::new(mm * 1e-3);
         let got = bubble.omega0 / (2.0 * std::f64::consts::PI);
-        assert!((got / f0 - 1.0).abs() < 1e-4, "{mm} mm: f0 {got:.2} Hz, expected {f0}");
+        assert!(
+            (got / f0 - 1.0).abs() < 1e-4,
+            "{mm} mm: f0 {got:.2} Hz, expected {f0}"
+        );
         // The table rounds a factor to 1.6e6; the formula gives 1.596e6.
         let off = bubble.beta / beta - 1.0;
-        assert!(off.abs() < 1e-3, "{mm} mm: {:.2} 1/s, expected {beta}", bubble.beta);
+        assert!(
+            off.abs() < 1e-3,
+            "{mm} mm: {:.2} 1/s, expected {beta}",
+            bubble.beta
+        );
     }
 }
 
@@ -103,7 +123,10 @@ fn a_voice_has_the_pitch_and_decay_of_physics_1_at_every_rate() {
             let mut frames = vec![Frame::ZERO; skip + (4.0 / bubble.beta * rate_hz) as usize + 16];
             player.render(&mut frames);
             assert!(frames.iter().all(|frame| frame.left == frame.right));
-            let sound: Vec<f64> = frames[skip..].iter().map(|frame| f64::from(frame.left)).collect();
+            let sound: Vec<f64> = frames[skip..]
+                .iter()
+                .map(|frame| f64::from(frame.left))
+                .collect();
             worst.add(mm, &bubble, measure(&sound, rate_hz, bubble.pitch()));
         }
     }
@@ -119,7 +142,10 @@ fn a_class_has_the_pitch_and_decay_of_physics_1_at_every_rate() {
             let rate_hz = f64::from(rate);
             let tuning = Tuning::new(mm as f32 * 1e-3, rate_hz);
             if tuning.form == Form::Silent {
-                assert!(bubble.pitch() > PITCH_LIMIT * rate_hz, "{mm} mm at {rate} Hz");
+                assert!(
+                    bubble.pitch() > PITCH_LIMIT * rate_hz,
+                    "{mm} mm at {rate} Hz"
+                );
                 continue;
             }
             let mut state = State::SILENT;
@@ -161,12 +187,18 @@ fn a_rising_bubble_follows_f0_times_1_plus_sigma_t_up_to_its_cap() {
         up.min(4.0 * bubble.pitch())
     };
     let mut worst = 0.0f64;
-    for pair in crossings.windows(2).take_while(|pair| pair[0] * bubble.beta < 8.0) {
+    for pair in crossings
+        .windows(2)
+        .take_while(|pair| pair[0] * bubble.beta < 8.0)
+    {
         let measured = 1.0 / (pair[1] - pair[0]);
         let expected = law((pair[0] + pair[1]) / 2.0);
         worst = worst.max((1200.0 * (measured / expected).log2()).abs());
     }
-    println!("rising pitch: {} periods, worst {worst:.2} cents", crossings.len());
+    println!(
+        "rising pitch: {} periods, worst {worst:.2} cents",
+        crossings.len()
+    );
     assert!(crossings.len() > 50);
     assert!(worst < 5.0, "{worst} cents");
 }

@@ -159,7 +159,7 @@ pub struct EventLog {
 impl EventLog {
     /// Begins the file at `path`.
     pub fn create(path: &FilePath, rate: u32) -> Result<Self> {
-        let file = File::create(path).map_err(|error| write_error(&path.display(), &error))?;
+        let file = File::create(path).map_err(|error| write_error(path.display(), &error))?;
         let mut writer = csv::Writer::from_writer(BufWriter::new(file));
         writer.write_record([
             "time",
@@ -207,7 +207,7 @@ impl EventLog {
             }
         }
         match self.error.take() {
-            Some(error) => Err(write_error(&self.path.display(), &error)),
+            Some(error) => Err(write_error(self.path.display(), &error)),
             None => Ok(()),
         }
     }
@@ -217,7 +217,7 @@ impl EventLog {
         self.flush_before(f64::INFINITY)?;
         self.writer
             .flush()
-            .map_err(|error| write_error(&self.path.display(), &error))
+            .map_err(|error| write_error(self.path.display(), &error))
     }
 }
 

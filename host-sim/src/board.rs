@@ -39,7 +39,7 @@ pub enum Board {
 }
 
 /// An instrument of any profile.
-pub trait Player {
+pub trait Player: Send {
     /// Fills `out`.
     fn render(&mut self, out: &mut [Frame]);
     /// Fills `out` and tells `observer` of every birth.

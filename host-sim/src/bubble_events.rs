@@ -26,8 +26,8 @@ const MIN_RADIUS_MM: f64 = 0.15;
 const MAX_RADIUS_MM: f64 = 150.0;
 const MAX_RISE_FACTOR: f64 = 100.0;
 
-/// A limit written by another program in another unit may be off by its last digit.
-const SLACK: f64 = 1.0e-9;
+/// A limit written by another program, in another unit or in single precision, may be off by its last digit.
+const SLACK: f64 = 1.0e-7;
 
 /// Longest line read, in bytes; what is longer is no table of bubbles and must not fill the memory.
 const MAX_LINE_BYTES: usize = 1 << 16;

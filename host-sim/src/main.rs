@@ -60,11 +60,7 @@ fn main() -> ExitCode {
 fn run(cli: Cli) -> Result<ExitCode> {
     match cli.command {
         Command::Render(request) => {
-            let stop = Arc::new(AtomicBool::new(false));
-            let flag = Arc::clone(&stop);
-            ctrlc::set_handler(move || flag.store(true, Ordering::Relaxed))
-                .context("cannot catch Ctrl-C")?;
-            let report = render::render(&request, &stop)?;
+            let report = render::render(&request, &on_ctrl_c()?)?;
             if report.output == Path::new("-") {
                 eprintln!("{}", report.summary());
             } else {
@@ -86,6 +82,15 @@ fn run(cli: Cli) -> Result<ExitCode> {
     }
 }
 
+/// A flag that Ctrl-C sets.
+fn on_ctrl_c() -> Result<Arc<AtomicBool>> {
+    let stop = Arc::new(AtomicBool::new(false));
+    let flag = Arc::clone(&stop);
+    ctrlc::set_handler(move || flag.store(true, Ordering::Relaxed))
+        .context("cannot catch Ctrl-C")?;
+    Ok(stop)
+}
+
 /// Prints to the standard output; nobody reading it is no fault.
 fn say(text: &str) -> Result<ExitCode> {
     match writeln!(std::io::stdout(), "{text}") {
@@ -96,7 +101,7 @@ fn say(text: &str) -> Result<ExitCode> {
 
 #[cfg(feature = "play")]
 fn play(scene: &str, seed: u64, set: &[String]) -> Result<ExitCode> {
-    freshet_host::play::play(scene, seed, set)?;
+    freshet_host::play::play(scene, seed, set, &on_ctrl_c()?)?;
     Ok(ExitCode::SUCCESS)
 }
 

@@ -1,11 +1,12 @@
 //! `freshet render`: a scene or a file of events to a WAV, a spectrogram and a log of its births.
 
+use std::fs;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
-use anyhow::{Context, Result, bail};
+use anyhow::{Result, bail};
 use clap::Args;
 use freshet::fixed::{FULL_SCALE, PASCAL};
 use freshet::mix::Output;
@@ -18,13 +19,15 @@ use crate::births::EventLog;
 use crate::board::{Board, Player};
 use crate::scene_file::put;
 use crate::source::{Source, Strikes};
-use crate::spectrogram::Spectrogram;
+use crate::spectrogram::{self, Spectrogram};
 use crate::wav::{self, Format, WavWriter};
 
 /// Seconds of a scene where nothing is said.
 const SCENE_SECONDS: f64 = 10.0;
 /// Sample rates that are rendered, Hz.
 const RATES: std::ops::RangeInclusive<u32> = 8_000..=192_000;
+/// The longest sound, frames: beyond, an f64 would no longer tell them apart in time.
+const MAX_FRAMES: f64 = 1e15;
 /// Frames rendered between two looks at the outside world.
 const STRETCH: usize = 64 * BLOCK;
 
@@ -37,13 +40,18 @@ pub struct Request {
     #[arg(short, long, value_name = "FILE")]
     pub output: Option<PathBuf>,
     /// How long [default: 10 for a scene, to the last bubble's end for events]
-    #[arg(long, value_name = "S")]
+    #[arg(long, value_name = "S", allow_hyphen_values = true)]
     pub seconds: Option<f64>,
     /// The same seed gives the same sound
-    #[arg(long, default_value_t = 1)]
+    #[arg(long, default_value_t = 1, allow_hyphen_values = true)]
     pub seed: u64,
     /// Sample rate in Hz, 8000 to 192000
-    #[arg(long, value_name = "HZ", default_value_t = 48_000)]
+    #[arg(
+        long,
+        value_name = "HZ",
+        default_value_t = 48_000,
+        allow_hyphen_values = true
+    )]
     pub rate: u32,
     /// Bits of a sample, 16 or 24 [default: 16]
     #[arg(long, conflicts_with = "raw", value_parser = ["16", "24"])]
@@ -82,7 +90,9 @@ pub struct Report {
     pub voices: usize,
     /// The core's counters.
     pub stats: Stats,
-    /// Stopped before its end.
+    /// Ended before all was rendered: by Ctrl-C, or because nobody reads it any more.
+    pub stopped: bool,
+    /// Ended by Ctrl-C.
     pub interrupted: bool,
     /// Births a second that were asked for beyond the board's most.
     pub rate_cut: Option<(f32, f32)>,
@@ -100,10 +110,8 @@ pub fn render(request: &Request, stop: &Arc<AtomicBool>) -> Result<Report> {
             RATES.end()
         );
     }
-    let mut source = Source::find(&request.source)?;
-    for assignment in &request.set {
-        source.scene.set(assignment)?;
-    }
+    let mut source = Source::find_until(&request.source, stop)?;
+    source.scene.set_all(&request.set)?;
     let output = output_kind(request);
     if request.raw {
         put(&mut source.scene.scene, param::WIDTH, 0.0);
@@ -123,21 +131,28 @@ pub fn render(request: &Request, stop: &Arc<AtomicBool>) -> Result<Report> {
         Output::Bits16 => Format::Int16,
         Output::Bits24 => Format::Int24,
     };
-    // Everything that can be refused is, before the sound's file is begun.
+    // Everything that can be refused is, before a file is begun.
     let strikes = source
         .events
         .as_ref()
         .map(|file| file.strikes(request.rate))
         .transpose()?;
+    check_apart(source.path.as_deref(), &path, request)?;
+    if let Some(path) = &request.spectrogram {
+        spectrogram::check_name(path)?;
+    }
+    for path in [&request.spectrogram, &request.events]
+        .into_iter()
+        .flatten()
+    {
+        check_writable(path)?;
+    }
+    let wav = WavWriter::create(&path, format, request.rate, frames)?;
     let log = request
         .events
         .as_deref()
         .map(|path| EventLog::create(path, request.rate))
         .transpose()?;
-    if let Some(path) = &request.spectrogram {
-        check_writable(path)?;
-    }
-    let wav = WavWriter::create(&path, format, request.rate, frames)?;
     let player = request
         .board
         .player(&source.scene.scene, request.rate, request.seed, output);
@@ -159,7 +174,7 @@ pub fn render(request: &Request, stop: &Arc<AtomicBool>) -> Result<Report> {
         voices: 0,
     };
     let begun = Instant::now();
-    let interrupted = job.run(frames, stop)?;
+    let stopped = job.run(frames, stop)?;
     let asked = source.scene.value(param::RATE);
     let most = request.board.max_rate();
     let report = Report {
@@ -170,7 +185,8 @@ pub fn render(request: &Request, stop: &Arc<AtomicBool>) -> Result<Report> {
         rms: (job.energy / (2 * job.done).max(1) as f64).sqrt(),
         voices: job.voices,
         stats: job.player.stats(),
-        interrupted,
+        stopped,
+        interrupted: stopped && stop.load(Ordering::Relaxed),
         rate_cut: (asked > most).then_some((asked, most)),
         elapsed: begun.elapsed(),
     };
@@ -202,20 +218,67 @@ fn frames(request: &Request, source: &Source) -> Result<u64> {
         (None, None) => SCENE_SECONDS,
     };
     let frames = (seconds * f64::from(request.rate)).round();
-    if !(1.0..1e15).contains(&frames) {
-        bail!("--seconds {seconds}: expected a number above 0");
+    if !(1.0..=MAX_FRAMES).contains(&frames) {
+        let asked = match request.seconds {
+            Some(_) => format!("--seconds {seconds:?}"),
+            None => format!("the last bubble ends after {seconds:?} s"),
+        };
+        bail!("{asked}: expected a number above 0, from 1 to {MAX_FRAMES:e} frames");
     }
     Ok(frames as u64)
 }
 
-/// Finds out early that a picture cannot be written; leaves what is there alone.
+/// Refuses a file that would be overwritten while it is read, or written twice.
+fn check_apart(source: Option<&Path>, output: &Path, request: &Request) -> Result<()> {
+    // The same file by any name, there already or not; no device or pipe, which may be shared.
+    let place = |path: &Path| -> Option<PathBuf> {
+        match fs::canonicalize(path) {
+            Ok(place) => place.is_file().then_some(place),
+            Err(_) => {
+                let folder = path.parent().filter(|folder| *folder != Path::new(""));
+                let folder = fs::canonicalize(folder.unwrap_or(Path::new("."))).ok()?;
+                Some(folder.join(path.file_name()?))
+            }
+        }
+    };
+    let files = [
+        ("what is read", source),
+        ("the sound", (output != Path::new("-")).then_some(output)),
+        ("the spectrogram", request.spectrogram.as_deref()),
+        ("the events", request.events.as_deref()),
+    ];
+    let mut taken: Vec<(&str, PathBuf)> = Vec::new();
+    for (what, path) in files {
+        let Some((path, place)) = path.and_then(|path| Some((path, place(path)?))) else {
+            continue;
+        };
+        if let Some((other, _)) = taken.iter().find(|taken| taken.1 == place) {
+            bail!(
+                "cannot write {what} to {}: {other} is there (give another name)",
+                path.display()
+            );
+        }
+        taken.push((what, place));
+    }
+    Ok(())
+}
+
+/// Finds out early that a file cannot be written; leaves no trace.
 fn check_writable(path: &Path) -> Result<()> {
-    std::fs::OpenOptions::new()
+    // Whoever reads a pipe would take the end of the check for the end of the file.
+    if fs::metadata(path).is_ok_and(|meta| !meta.is_file() && !meta.is_dir()) {
+        return Ok(());
+    }
+    let is_new = fs::symlink_metadata(path).is_err();
+    fs::OpenOptions::new()
         .append(true)
         .create(true)
         .open(path)
-        .map(|_| ())
-        .with_context(|| format!("cannot write {} (does the folder exist?)", path.display()))
+        .map_err(|error| wav::write_error(path.display(), &error))?;
+    if is_new {
+        let _ = fs::remove_file(path);
+    }
+    Ok(())
 }
 
 /// A rendering under way.
@@ -235,7 +298,7 @@ struct Job {
 }
 
 impl Job {
-    /// Renders `frames`; true if it was stopped.
+    /// Renders `frames`; true if it was stopped before.
     fn run(&mut self, frames: u64, stop: &AtomicBool) -> Result<bool> {
         let bar = progress(frames, self.rate);
         let mut block = [Frame::ZERO; STRETCH];
@@ -340,21 +403,20 @@ impl Report {
                 "silence".into()
             }
         };
+        let output = match self.output.to_string_lossy() {
+            name if name == "-" => "standard output".into(),
+            name => name,
+        };
         let mut lines = vec![
             format!(
-                "{}  {seconds:.3} s at {} Hz, rendered at {speed:.0} x real time{}",
-                self.output.display(),
+                "{output}  {seconds:.3} s at {} Hz, rendered at {speed:.0} x real time{}",
                 self.rate,
-                if self.interrupted {
-                    " (stopped early)"
-                } else {
-                    ""
-                },
+                if self.stopped { " (stopped early)" } else { "" },
             ),
             format!(
                 "births    {} ({} a second)",
                 stats.births,
-                (stats.births as f64 / seconds).round()
+                (stats.births as f64 / seconds.max(1e-9)).round()
             ),
             format!("peak      {}, rms {}", db(self.peak), db(self.rms)),
             format!("voices    {} at most, {} stolen", self.voices, stats.stolen),

@@ -15,11 +15,13 @@
 use std::fs;
 use std::path::Path;
 
-use anyhow::{Context, Result, anyhow, bail};
+use anyhow::{Result, anyhow, bail};
 use freshet::param::{self, Kind, Param, TABLE};
 use freshet::scene::{CURVES, IntensityCurve, POINTS, Scene};
 use toml::Spanned;
 use toml::de::{DeTable, DeValue};
+
+use crate::bubble_events::cannot_read;
 
 /// A scene with the words that go with it.
 #[derive(Clone, Debug, Default)]
@@ -35,13 +37,17 @@ pub struct SceneFile {
 impl SceneFile {
     /// Reads a scene file.
     pub fn open(path: &Path) -> Result<Self> {
-        let bytes = fs::read(path)
-            .with_context(|| format!("cannot read {} (does the file exist?)", path.display()))?;
+        let bytes = fs::read(path).map_err(|error| cannot_read(path, &error))?;
         let name = path.display().to_string();
         let text = String::from_utf8(bytes).map_err(|error| {
             let at = error.utf8_error().valid_up_to();
-            anyhow!("{name}: not a text file: byte {at} is not UTF-8; save it as UTF-8")
+            let text = &String::from_utf8_lossy(&error.as_bytes()[..at]);
+            let message = "expected text in UTF-8, got other bytes (save the file in UTF-8)";
+            Reader { name: &name, text }.error(at, message)
         })?;
+        if text.trim().is_empty() {
+            bail!("{name}: the file is empty; expected a scene such as `water.rate = 1000`");
+        }
         Self::parse(&name, &text)
     }
 
@@ -80,6 +86,18 @@ impl SceneFile {
         }
         reader.check_radii(&file.scene, &named)?;
         Ok(file)
+    }
+
+    /// Sets parameters as the command line does, in order.
+    pub fn set_all(&mut self, assignments: &[String]) -> Result<()> {
+        for assignment in assignments {
+            self.set(assignment)?;
+        }
+        let [min, max] = [param::RADIUS_MIN, param::RADIUS_MAX].map(|index| self.value(index));
+        if min > max && !assignments.is_empty() {
+            bail!("water.radius_min = {min} mm is above water.radius_max = {max} mm");
+        }
+        Ok(())
     }
 
     /// Sets a parameter as the command line does; an intensity curve over it gives way.

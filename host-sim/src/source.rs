@@ -1,6 +1,8 @@
 //! What can be rendered: a scene by name, a scene file, or a file of bubble events.
 
+use std::fs;
 use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicBool, Ordering};
 
 use anyhow::{Context, Result, bail};
 use freshet::bubble::Bubble;
@@ -17,6 +19,8 @@ include!(concat!(env!("OUT_DIR"), "/scenes.rs"));
 pub struct Source {
     /// Short name, for output files and titles.
     pub name: String,
+    /// The file it was read from; none for a scene that travels with the command.
+    pub path: Option<PathBuf>,
     /// The scene; for a file of events one that makes no bubble of its own.
     pub scene: SceneFile,
     /// Where the events are.
@@ -36,19 +40,31 @@ pub struct EventFile {
 impl Source {
     /// Finds what `name` means: a scene that travels with the command, a `.toml` or a `.csv`.
     pub fn find(name: &str) -> Result<Self> {
+        Self::find_until(name, &AtomicBool::new(false))
+    }
+
+    /// The same; `stop` ends the reading of a long file of events early.
+    pub fn find_until(name: &str, stop: &AtomicBool) -> Result<Self> {
         let path = Path::new(name);
         let stem = || {
             path.file_stem()
                 .map_or(name.into(), |stem| stem.to_string_lossy())
         };
-        match path.extension().and_then(|extension| extension.to_str()) {
-            Some("toml") => Ok(Self {
+        let is = |kind: &str| {
+            path.extension()
+                .is_some_and(|end| end.eq_ignore_ascii_case(kind))
+        };
+        if is("toml") {
+            Ok(Self {
                 name: stem().into_owned(),
+                path: Some(path.to_owned()),
                 scene: SceneFile::open(path)?,
                 events: None,
-            }),
-            Some("csv") => Self::events(stem().into_owned(), path),
-            _ => Self::built_in(name),
+            })
+        } else if is("csv") {
+            Self::events(stem().into_owned(), path, stop)
+        } else {
+            Self::built_in(name)
         }
     }
 
@@ -58,6 +74,7 @@ impl Source {
         match SCENES.iter().find(|scene| scene.0 == plain) {
             Some((name, text)) => Ok(Self {
                 name: (*name).to_owned(),
+                path: None,
                 scene: SceneFile::parse(&format!("scenes/{name}.toml"), text)?,
                 events: None,
             }),
@@ -76,7 +93,14 @@ impl Source {
     }
 
     /// A file of bubble events, read once through so that a fault is found before anything is written.
-    fn events(name: String, path: &Path) -> Result<Self> {
+    fn events(name: String, path: &Path, stop: &AtomicBool) -> Result<Self> {
+        // A pipe has nothing left for the second time.
+        if fs::metadata(path).is_ok_and(|meta| !meta.is_file() && !meta.is_dir()) {
+            bail!(
+                "cannot read {}: expected a file on the disk, for it is read twice (save it there first)",
+                path.display()
+            );
+        }
         let mut file = EventFile {
             path: path.to_owned(),
             count: 0,
@@ -84,6 +108,9 @@ impl Source {
         };
         for event in BubbleEvents::open(path)? {
             let event = event?;
+            if stop.load(Ordering::Relaxed) {
+                break;
+            }
             file.count += 1;
             file.end = file.end.max(event.time + ring_time(event.radius));
         }
@@ -94,6 +121,7 @@ impl Source {
         put(&mut scene.scene, param::RATE, 0.0);
         Ok(Self {
             name,
+            path: Some(path.to_owned()),
             scene,
             events: Some(file),
         })

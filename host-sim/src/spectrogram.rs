@@ -10,7 +10,7 @@
 //! passes evenly from the one to the other. A sine at full scale reads 0 dB, 2 dB more in the harmonic mean,
 //! and a few dB less above 5 kHz, where a row of the picture spans several bins.
 
-use anyhow::{Context, Result, anyhow, bail};
+use anyhow::{Result, anyhow, bail};
 use plotters::prelude::*;
 use plotters::style::text_anchor::{HPos, Pos, VPos};
 use plotters::style::{FontTransform, register_font};
@@ -37,6 +37,20 @@ const HIGHEST: f32 = 20_000.0;
 const SPAN_DB: f32 = 80.0;
 /// What silence reads, in dB.
 const SILENCE_DB: f32 = -200.0;
+
+/// Refuses a name that does not end in `.png`.
+pub fn check_name(path: &Path) -> Result<()> {
+    let is_png = path
+        .extension()
+        .is_some_and(|extension| extension.eq_ignore_ascii_case("png"));
+    if !is_png {
+        bail!(
+            "cannot write the picture {}: expected a name that ends in .png",
+            path.display()
+        );
+    }
+    Ok(())
+}
 
 /// Collects a sound and draws it.
 pub struct Spectrogram {
@@ -105,15 +119,7 @@ impl Spectrogram {
     /// # Errors
     /// A name that does not end in `.png`; a path that cannot be written; a full disk.
     pub fn write_png(mut self, path: &Path, title: &str) -> Result<()> {
-        let is_png = path
-            .extension()
-            .is_some_and(|extension| extension.eq_ignore_ascii_case("png"));
-        if !is_png {
-            bail!(
-                "cannot write the picture {}: expected a name that ends in .png",
-                path.display()
-            );
-        }
+        check_name(path)?;
         // Before the drawing, whose errors do not tell a missing folder from a wrong one.
         std::fs::File::create(path).map_err(|error| {
             let reason = error.to_string();
@@ -124,8 +130,9 @@ impl Spectrogram {
             )
         })?;
         let cells = self.cells(plot::HEIGHT as usize);
-        plot::draw(path, title, &self, &cells).with_context(|| {
-            format!(
+        // What the drawing says of it is for programmers.
+        plot::draw(path, title, &self, &cells).map_err(|_| {
+            anyhow!(
                 "cannot write the picture {} (is the disk full?)",
                 path.display()
             )

@@ -73,7 +73,7 @@ impl fmt::Display for WriteError {
 impl std::error::Error for WriteError {}
 
 /// The error for the file `name` that could not be written, with what to do about it.
-pub(crate) fn write_error(name: &dyn fmt::Display, error: &io::Error) -> anyhow::Error {
+pub(crate) fn write_error(name: impl fmt::Display, error: &io::Error) -> anyhow::Error {
     use io::ErrorKind::{
         BrokenPipe, IsADirectory, NotADirectory, NotFound, PermissionDenied, StorageFull,
     };
