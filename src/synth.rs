@@ -96,11 +96,12 @@ impl<P: Profile> Synth<P> {
         population.render(self.frame, voices, stats, observer, block);
         if voices.sounding() > 0 {
             // Each source keeps itself within the bus; together they might pass it.
-            let mut rising = [Frame::ZERO; BLOCK];
-            voices.render(&mut rising);
-            for (frame, add) in block.iter_mut().zip(rising) {
-                frame.left = frame.left.saturating_add(add.left);
-                frame.right = frame.right.saturating_add(add.right);
+            let mut ears = [[0; BLOCK]; 2];
+            voices.render(&mut ears);
+            let [left, right] = ears;
+            for (frame, (left, right)) in block.iter_mut().zip(left.into_iter().zip(right)) {
+                frame.left = frame.left.saturating_add(left);
+                frame.right = frame.right.saturating_add(right);
             }
         }
         self.mix.render(block, stats);

@@ -12,7 +12,8 @@
 //! "water.rate" = [[0, 200], [1, 20000]]
 //! ```
 
-use std::fs;
+use std::fs::File;
+use std::io::Read;
 use std::path::Path;
 
 use anyhow::{Result, anyhow, bail};
@@ -22,6 +23,9 @@ use toml::Spanned;
 use toml::de::{DeTable, DeValue};
 
 use crate::bubble_events::cannot_read;
+
+/// Longest file read: what is longer is no scene and must not fill the memory.
+const MAX_BYTES: u64 = 1 << 20;
 
 /// A scene with the words that go with it.
 #[derive(Clone, Debug, Default)]
@@ -37,8 +41,16 @@ pub struct SceneFile {
 impl SceneFile {
     /// Reads a scene file.
     pub fn open(path: &Path) -> Result<Self> {
-        let bytes = fs::read(path).map_err(|error| cannot_read(path, &error))?;
         let name = path.display().to_string();
+        let mut bytes = Vec::new();
+        File::open(path)
+            .and_then(|file| file.take(MAX_BYTES + 1).read_to_end(&mut bytes))
+            .map_err(|error| cannot_read(path, &error))?;
+        if bytes.len() as u64 > MAX_BYTES {
+            bail!(
+                "{name}: expected a scene, got more than {MAX_BYTES} bytes (is this a TOML file?)"
+            );
+        }
         let text = String::from_utf8(bytes).map_err(|error| {
             let at = error.utf8_error().valid_up_to();
             let text = &String::from_utf8_lossy(&error.as_bytes()[..at]);
