@@ -174,11 +174,14 @@ impl Take {
         db(loudest.size / peak(&self.sound))
     }
 
-    /// The same, after jumps of `planted` dB at random places were found in it with their places.
+    /// The same; where it is below `limit`, jumps of `planted` dB at random places are found there.
     fn checked_click_db(&self, planted: f64, limit: f64) -> f64 {
-        let weakest = find_planted(&self.remainder(), peak(&self.sound), self.rate, planted);
-        assert!(weakest > limit + 6.0, "the test is deaf: {weakest:.1} dB");
-        self.click_db()
+        let figure = self.click_db();
+        if figure < limit {
+            let weakest = find_planted(&self.remainder(), peak(&self.sound), self.rate, planted);
+            assert!(weakest > limit + 6.0, "the test is deaf: {weakest:.1} dB");
+        }
+        figure
     }
 }
 

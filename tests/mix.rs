@@ -323,7 +323,7 @@ fn no_tone_is_transparent_to_the_bit() {
     // The dither may move a word by less than 1.5 bits and hides what is smaller; so the mean is taken too.
     let mut random = Random::new(4, Stream::Population);
     let noise: Vec<f64> = (0..1 << 19)
-        .map(|_| dbfs(-1.0) * (random.uniform() - 0.5))
+        .map(|_| dbfs(-6.0) * (random.uniform() - 0.5))
         .collect();
     let signal = mono(noise.len(), |n| noise[n]);
     let errors = errors(&signal, Output::Bits24, 0.0);

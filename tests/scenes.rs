@@ -16,7 +16,10 @@ fn envelope(name: &str, intensity: Option<f32>, seconds: usize) -> Vec<f64> {
     let scene = built_in(name).scene;
     let mut player = desk(&scene, RATE, 11, Output::Bits24);
     if let Some(intensity) = intensity {
-        player.control().set(param::INTENSITY, intensity, Some(0.0)).expect("allowed");
+        player
+            .control()
+            .set(param::INTENSITY, intensity, Some(0.0))
+            .expect("allowed");
     }
     let frames = play(&mut *player, seconds * RATE as usize, &mut ());
     frames
@@ -30,10 +33,19 @@ fn every_scene_has_words_and_a_picture_in_the_guide() {
     let guide = fs::read_to_string("docs/scenes.md").expect("the guide is there");
     for name in scene_names() {
         let file = built_in(name);
-        assert!(!file.title.is_empty() && !file.sounds.is_empty(), "{name} has no words");
+        assert!(
+            !file.title.is_empty() && !file.sounds.is_empty(),
+            "{name} has no words"
+        );
         let tail = &file.sounds[1..];
-        assert!(guide.contains(tail), "docs/scenes.md does not say what {name} sounds like");
-        assert!(guide.contains(&format!("pictures/{name}.png")), "{name} is not shown");
+        assert!(
+            guide.contains(tail),
+            "docs/scenes.md does not say what {name} sounds like"
+        );
+        assert!(
+            guide.contains(&format!("pictures/{name}.png")),
+            "{name} is not shown"
+        );
         assert!(fs::exists(format!("docs/pictures/{name}.png")).expect("readable"));
     }
     assert_eq!(scene_names().count(), 12);
@@ -53,7 +65,10 @@ fn every_scene_plays_at_a_level_that_can_be_used_beside_the_others() {
 fn more_intensity_is_more_sound() {
     for name in scene_names() {
         let levels = [0.0, 0.5, 1.0].map(|x| db(rms(envelope(name, Some(x), 10).into_iter())));
-        println!("{name:12} {:6.1} {:6.1} {:6.1} dBFS at intensity 0, 0.5, 1", levels[0], levels[1], levels[2]);
+        println!(
+            "{name:12} {:6.1} {:6.1} {:6.1} dBFS at intensity 0, 0.5, 1",
+            levels[0], levels[1], levels[2]
+        );
         assert!(levels[2] > levels[0] + 3.0, "{name}: {levels:?}");
     }
 }
@@ -64,8 +79,11 @@ fn more_intensity_is_more_sound() {
 fn no_scene_loops_or_beats() {
     const STEPS: usize = 2_048;
     for name in scene_names() {
-        let mut loudness: Vec<f64> =
-            envelope(name, None, 41).iter().take(STEPS).map(|x| (x + 1e-6).ln()).collect();
+        let mut loudness: Vec<f64> = envelope(name, None, 41)
+            .iter()
+            .take(STEPS)
+            .map(|x| (x + 1e-6).ln())
+            .collect();
         let mean = loudness.iter().sum::<f64>() / STEPS as f64;
         loudness.iter_mut().for_each(|x| *x -= mean);
         let correlation = |lag: usize| {
@@ -87,7 +105,10 @@ fn no_scene_loops_or_beats() {
             .plan_fft_forward(STEPS)
             .process(&mut windowed, &mut spectrum)
             .expect("the lengths match");
-        let power: Vec<f64> = spectrum.iter().map(|bin: &realfft::num_complex::Complex<f64>| bin.norm_sqr()).collect();
+        let power: Vec<f64> = spectrum
+            .iter()
+            .map(|bin: &realfft::num_complex::Complex<f64>| bin.norm_sqr())
+            .collect();
         // From 0.5 Hz: the highest line over the median of its neighbours.
         let mut line = 0.0f64;
         for i in 32..power.len() - 16 {

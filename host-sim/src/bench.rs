@@ -21,7 +21,12 @@ const RUNS: usize = 5;
 #[derive(Clone, Debug, Args)]
 pub struct Request {
     /// Seconds of sound in a run
-    #[arg(long, value_name = "S", default_value_t = 4.0)]
+    #[arg(
+        long,
+        value_name = "S",
+        default_value_t = 4.0,
+        allow_hyphen_values = true
+    )]
     pub seconds: f64,
 }
 

@@ -51,7 +51,7 @@ fn main() -> ExitCode {
     match run(Cli::parse()) {
         Ok(code) => code,
         Err(error) => {
-            eprintln!("error: {error:#}");
+            say_aside(&format!("error: {error:#}"));
             ExitCode::from(2)
         }
     }
@@ -62,7 +62,7 @@ fn run(cli: Cli) -> Result<ExitCode> {
         Command::Render(request) => {
             let report = render::render(&request, &on_ctrl_c()?)?;
             if report.output == Path::new("-") {
-                eprintln!("{}", report.summary());
+                say_aside(&report.summary());
             } else {
                 say(&report.summary())?;
             }
@@ -86,8 +86,13 @@ fn run(cli: Cli) -> Result<ExitCode> {
 fn on_ctrl_c() -> Result<Arc<AtomicBool>> {
     let stop = Arc::new(AtomicBool::new(false));
     let flag = Arc::clone(&stop);
-    ctrlc::set_handler(move || flag.store(true, Ordering::Relaxed))
-        .context("cannot catch Ctrl-C")?;
+    ctrlc::set_handler(move || {
+        // The second one does not wait for a reader that has gone to sleep.
+        if flag.swap(true, Ordering::Relaxed) {
+            std::process::exit(130);
+        }
+    })
+    .context("cannot catch Ctrl-C")?;
     Ok(stop)
 }
 
@@ -97,6 +102,11 @@ fn say(text: &str) -> Result<ExitCode> {
         Err(error) if error.kind() != std::io::ErrorKind::BrokenPipe => Err(error.into()),
         _ => Ok(ExitCode::SUCCESS),
     }
+}
+
+/// Prints to the standard error, whether or not anybody reads it.
+fn say_aside(text: &str) {
+    let _ = writeln!(std::io::stderr(), "{text}");
 }
 
 #[cfg(feature = "play")]

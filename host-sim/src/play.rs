@@ -1,5 +1,6 @@
 //! `freshet play`: a scene on the sound card, until Ctrl-C. Behind the feature `play`.
 
+use std::io::Write;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
@@ -19,9 +20,7 @@ pub fn play(scene: &str, seed: u64, set: &[String], stop: &Arc<AtomicBool>) -> R
     if source.events.is_some() {
         bail!("{scene}: play takes a scene; render a file of events to a WAV instead");
     }
-    for assignment in set {
-        source.scene.set(assignment)?;
-    }
+    source.scene.set_all(set)?;
     let device = cpal::default_host()
         .default_output_device()
         .context("no sound card was found; `freshet render` needs none")?;
@@ -43,7 +42,8 @@ pub fn play(scene: &str, seed: u64, set: &[String], stop: &Arc<AtomicBool>) -> R
         other => bail!("the sound card wants {other} samples; expected f32, i16 or i32"),
     }?;
     stream.play().context("the sound card does not start")?;
-    eprintln!("{}: Ctrl-C ends it", source.scene.title);
+    // Nobody reading it is no fault.
+    let _ = writeln!(std::io::stderr(), "{}: Ctrl-C ends it", source.scene.title);
     while !stop.load(Ordering::Relaxed) {
         if failed.load(Ordering::Relaxed) {
             bail!("the sound card is gone");
