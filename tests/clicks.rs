@@ -509,12 +509,14 @@ fn tone_and_level_while_bubbles_ring() {
             // This stretch begins in the middle of the sound.
             let loudest = band.loudest(&sound, band.delay()..sound.len());
             let figure = db(loudest.size / peak);
-            let planted = find_planted(&sound, peak, 48_000, -45.0);
             println!(
                 "{} from {} to {} dB, ramp {ramp:?}: {figure:.1} dB",
                 TABLE[index].path, ends[0], ends[1]
             );
-            assert!(planted > LINE_DB + 6.0, "the test is deaf: {planted:.1} dB");
+            if figure < LINE_DB {
+                let planted = find_planted(&sound, peak, 48_000, -45.0);
+                assert!(planted > LINE_DB + 6.0, "the test is deaf: {planted:.1} dB");
+            }
             worst = worst.max(figure);
         }
     }
