@@ -9,7 +9,7 @@ pub enum Path {
     Class,
     /// A voice; `gain` is Q28 of a pascal, reckoned at the birth.
     Voice,
-    /// No voice was free, and a single event has no class to go to: not sounded.
+    /// Not sounded: a single event that found no voice, or more pressure at once than the class takes.
     Dropped,
     /// Above the pitch limit: not sounded.
     TooHigh,
@@ -47,6 +47,8 @@ pub struct Crowd {
     pub words: StrikeWords,
     /// How many births that stands for.
     pub births: u64,
+    /// [`Path::Class`]; or a whole block that was not sounded, and why.
+    pub path: Path,
 }
 
 /// Someone who wants to know.

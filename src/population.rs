@@ -47,8 +47,10 @@ pub struct Flow {
 /// The moments of a class with more than one birth a sample.
 #[derive(Clone, Copy, Debug)]
 struct Crowd {
-    /// Births in a block.
-    births: f32,
+    /// Mean of the births in a block, Q32.
+    births: i64,
+    /// Its root, over the deviation of `rough_normal`, Q32.
+    births_spread: i64,
     /// Mean of both words in a sample, Q32.32 of bus units.
     mean: [i64; 2],
     /// Cholesky factor of both words' covariance, over the deviation of `rough_normal`, Q42 of a pascal.
@@ -75,6 +77,12 @@ pub struct Settings {
     pub pitch: [Pitch; CLASSES],
     /// How each class is struck.
     pub flow: [Flow; CLASSES],
+    law: Law,
+}
+
+/// What every birth is drawn by.
+#[derive(Clone, Copy, Debug)]
+struct Law {
     /// β of `D = rnd^β`, Q26.
     exponent: u32,
     /// A bubble rises where `-log2 D` (Q20) is below this.
@@ -116,10 +124,12 @@ impl Settings {
             retired: [Tuning::SILENT; CLASSES],
             pitch: [Pitch::SILENT; CLASSES],
             flow: [Flow::default(); CLASSES],
-            exponent: 0,
-            rise_below: 0,
-            crowd_below: 0,
-            width: 256,
+            law: Law {
+                exponent: 0,
+                rise_below: 0,
+                crowd_below: 0,
+                width: 256,
+            },
         }
     }
 
@@ -168,8 +178,8 @@ impl Settings {
         } else {
             libm::pow(ratio, 1.0 / drive.beta)
         };
-        self.exponent = to_fixed(drive.beta, 26) as u32;
-        self.rise_below = if still >= 1.0 {
+        self.law.exponent = to_fixed(drive.beta, 26) as u32;
+        self.law.rise_below = if still >= 1.0 {
             0
         } else if ratio <= 0.0 {
             u32::MAX
@@ -177,8 +187,8 @@ impl Settings {
             // D = depth·2^-x: compare x alone. At β = 0 every x is 0.
             to_fixed(-libm::log2(ratio), 20) as u32
         };
-        self.crowd_below = libm::round(still * 4_294_967_295.0) as u32;
-        self.width = libm::round(drive.width * 256.0) as i32;
+        self.law.crowd_below = libm::round(still * 4_294_967_295.0) as u32;
+        self.law.width = libm::round(drive.width * 256.0) as i32;
         let scale = if total > 0.0 {
             drive.rate * BLOCK as f64 / (sample_rate * total)
         } else {
@@ -278,13 +288,25 @@ impl Crowd {
         // What the resonator cannot take is held down.
         let hold = (f64::from(STRIKES_MAX) / 134_217_728.0 / most).min(1.0);
         Self {
-            births: births as f32,
+            births: to_fixed_u64(births, 32) as i64,
+            births_spread: to_fixed_u64(libm::sqrt(births) / Random::ROUGH_DEVIATION, 32) as i64,
             mean: words_mean.map(|m| libm::round(libm::scalbn(level * hold * m, 58)) as i64),
             spread: [a, b, c].map(|f| to_fixed(f * hold * deviation, 42)),
             most: to_fixed_u64(hold * most, 27) as u32,
             ear_mean: to_fixed(mean, 30),
             ears: [e0, e1, e2].map(|e| to_fixed(e, 30)),
         }
+    }
+
+    /// How many are born in a block: Poisson by its first three moments, which 32 births or more make exact enough to
+    /// count with.
+    #[inline(always)]
+    fn count(&self, random: &mut Random) -> u64 {
+        // (z² − 1)/6, Q32; 2^48 over 6 squares of the rough normal's deviation is 32 768.
+        let normal = i64::from(random.rough_normal());
+        let skew = ((normal * normal) >> 1) - (1 << 32) / 6;
+        let drawn = self.births + normal * self.births_spread + skew;
+        ((drawn + (1 << 31)) >> 32).max(0) as u64
     }
 
     /// One sample's impulses, for both ears.
@@ -364,6 +386,18 @@ fn pan(draw: u32, width: i32) -> [i32; 2] {
     [PAN[256 - at], PAN[at]]
 }
 
+impl Turn<'_> {
+    /// Takes pressure from what the block still has room for. False where there is not enough.
+    #[inline(always)]
+    fn has_room(&mut self, pressure: u32) -> bool {
+        let fits = pressure <= self.room;
+        if fits {
+            self.room -= pressure;
+        }
+        fits
+    }
+}
+
 /// One set of resonators.
 #[derive(Clone, Debug)]
 struct Bank {
@@ -423,17 +457,17 @@ impl Bank {
         O: Observer,
     {
         let mut done = 0;
-        births.class_room = STRIKES_MAX;
-        let mut clock = births.enter_class(k);
-        while let Some((position, bits)) = births.next(k, &mut clock) {
-            if let Some((sample, strike)) = births.birth(k, position, bits) {
+        let settings = births.settings;
+        let mut turn = births.begin(k, &settings.flow[k], &settings.tuning[k]);
+        while let Some((position, bits)) = births.next(&mut turn) {
+            if let Some((sample, strike)) = births.birth(&mut turn, position, bits) {
                 self.ring(k, &mut out[done..=sample]);
                 done = sample + 1;
                 self.state[k].strike(strike);
                 self.ringing |= 1 << k;
             }
         }
-        births.leave_class(k, clock);
+        births.end(turn);
         self.ring(k, &mut out[done..]);
     }
 
@@ -532,7 +566,6 @@ impl Population {
             random: &mut self.random,
             clock: &mut self.clock,
             left: self.births_per_block,
-            class_room: 0,
             room,
             voices,
             stats,
@@ -588,23 +621,27 @@ struct Births<'a, S, O> {
     clock: &'a mut [u64; CLASSES],
     /// Births that this block still takes.
     left: u32,
-    /// Pressure that the class and the whole population still take in this block, Q27 of a pascal.
-    class_room: u32,
+    /// Pressure that the population still takes in this block, Q27 of a pascal.
     room: u32,
     voices: &'a mut Voices<S>,
     stats: &'a mut Stats,
     observer: &'a mut O,
 }
 
-/// A class's clock, with what it draws from, in registers for the time of a block.
-struct Clock {
-    now: u64,
+/// A class's turn in a block: what it is drawn by, and what it draws from, in registers.
+struct Turn<'a> {
+    k: usize,
+    law: Law,
+    flow: &'a Flow,
+    tuning: &'a Tuning,
+    clock: u64,
     random: Random,
-    /// Births that the block still takes.
+    /// Births and pressure that the block still takes of this class.
     left: u32,
+    room: u32,
 }
 
-impl<S, O> Births<'_, S, O>
+impl<'a, S, O> Births<'a, S, O>
 where
     S: AsRef<[Voice]> + AsMut<[Voice]>,
     O: Observer,
@@ -613,95 +650,97 @@ where
     #[inline(always)]
     fn gather(&mut self, k: usize) -> Strikes {
         let mut strikes: Strikes = [StrikeWords::default(); BLOCK];
-        self.class_room = STRIKES_MAX;
-        if let Some(crowd) = &self.settings.flow[k].crowd {
-            self.crowd(k, crowd, &mut strikes);
+        // Copies: nothing else can change them, so that they stay in registers.
+        let (flow, tuning) = (self.settings.flow[k], self.settings.tuning[k]);
+        let mut turn = self.begin(k, &flow, &tuning);
+        if let Some(crowd) = &flow.crowd {
+            self.crowd(&mut turn, crowd, &mut strikes);
         }
-        let mut clock = self.enter_class(k);
-        while let Some((position, bits)) = self.next(k, &mut clock) {
-            if let Some((sample, strike)) = self.birth(k, position, bits) {
+        while let Some((position, bits)) = self.next(&mut turn) {
+            if let Some((sample, strike)) = self.birth(&mut turn, position, bits) {
                 strikes[sample].add(strike);
             }
         }
-        self.leave_class(k, clock);
+        self.end(turn);
         strikes
     }
 
     #[inline(always)]
-    fn enter_class(&self, k: usize) -> Clock {
-        Clock {
-            now: self.clock[k],
+    fn begin<'b>(&self, k: usize, flow: &'b Flow, tuning: &'b Tuning) -> Turn<'b> {
+        Turn {
+            k,
+            law: self.settings.law,
+            flow,
+            tuning,
+            clock: self.clock[k],
             random: self.random.clone(),
             left: self.left,
+            room: self.room.min(STRIKES_MAX),
         }
     }
 
     #[inline(always)]
-    fn leave_class(&mut self, k: usize, clock: Clock) {
-        self.clock[k] = clock.now;
-        *self.random = clock.random;
-        self.stats.births = self
-            .stats
-            .births
-            .wrapping_add(u64::from(self.left - clock.left));
-        self.left = clock.left;
+    fn end(&mut self, turn: Turn<'_>) {
+        self.clock[turn.k] = turn.clock;
+        *self.random = turn.random;
+        let births = u64::from(self.left - turn.left);
+        self.stats.births = self.stats.births.wrapping_add(births);
+        self.left = turn.left;
+        self.room -= self.room.min(STRIKES_MAX) - turn.room;
     }
 
-    /// Takes pressure from what the block still has room for. False, and counted, where there is none left.
+    /// Where in this block the class's next birth falls, with 32 random bits; its clock is then set for the one after
+    /// it.
     #[inline(always)]
-    fn has_room(&mut self, pressure: u32) -> bool {
-        if pressure > self.class_room.min(self.room) {
-            self.stats.overloads = self.stats.overloads.wrapping_add(1);
-            return false;
-        }
-        self.class_room -= pressure;
-        self.room -= pressure;
-        true
-    }
-
-    /// Where in this block the next birth of class `k` falls, with 32 random bits; the clock is then set for the one
-    /// after it.
-    #[inline(always)]
-    fn next(&mut self, k: usize, clock: &mut Clock) -> Option<(u32, u32)> {
-        let flow = &self.settings.flow[k];
-        let now = clock.now;
-        if now >= flow.per_block {
-            clock.now = now - flow.per_block;
+    fn next(&mut self, turn: &mut Turn<'_>) -> Option<(u32, u32)> {
+        let now = turn.clock;
+        if now >= turn.flow.per_block {
+            turn.clock = now - turn.flow.per_block;
             return None;
         }
-        if clock.left == 0 {
+        if turn.left == 0 {
             // The block is full: the next one begins with a birth.
             self.stats.late = self.stats.late.wrapping_add(1);
-            clock.now = 0;
+            turn.clock = 0;
             return None;
         }
-        clock.left -= 1;
-        clock.now = now + gap(clock.random.bits());
-        Some((flow.position(now), clock.random.bits()))
+        turn.left -= 1;
+        turn.clock = now + gap(turn.random.bits());
+        Some((turn.flow.position(now), turn.random.bits()))
     }
 
     /// One bubble: a voice if it rises and finds one; else what its class is struck with, and after which sample.
     #[inline(always)]
-    fn birth(&mut self, k: usize, position: u32, bits: u32) -> Option<(usize, StrikeWords)> {
-        let settings = self.settings;
-        let (flow, tuning) = (&settings.flow[k], &settings.tuning[k]);
+    fn birth(
+        &mut self,
+        turn: &mut Turn<'_>,
+        position: u32,
+        bits: u32,
+    ) -> Option<(usize, StrikeWords)> {
+        let Turn {
+            k,
+            law,
+            flow,
+            tuning,
+            ..
+        } = *turn;
         let fraction = position & 0x07ff_ffff;
         let mut draw = bits;
         if flow.crowd.is_some() {
             // The crowd has the softer ones.
-            let span = u64::from(u32::MAX - settings.crowd_below);
-            draw = settings.crowd_below + ((u64::from(bits) * span) >> 32) as u32;
+            let span = u64::from(u32::MAX - law.crowd_below);
+            draw = law.crowd_below + ((u64::from(bits) * span) >> 32) as u32;
         }
         // -log2 D, Q20.
-        let soft = ((u64::from(neg_log2(draw)) * u64::from(settings.exponent)) >> 32) as u32;
+        let soft = ((u64::from(neg_log2(draw)) * u64::from(law.exponent)) >> 32) as u32;
         // The lowest bits are the generator's weakest: pan takes eight above them.
-        let pan = pan(bits >> 4, settings.width);
+        let pan = pan(bits >> 4, law.width);
         if tuning.form == Form::Silent {
             self.stats.too_high = self.stats.too_high.wrapping_add(1);
             self.report(k, position, [0; 2], Path::TooHigh);
             return None;
         }
-        if soft < settings.rise_below && self.voice(k, position, soft, pan) {
+        if soft < law.rise_below && self.voice(k, position, soft, pan) {
             return None;
         }
         let decayed = soft + tuning.decay_over((1 << 27) - fraction);
@@ -711,7 +750,8 @@ where
         }
         let pressure = ((u64::from(flow.pressure) * u64::from(exp2_neg(decayed))) >> 31) as u32;
         let [left, right] = pan.map(|gain| ((i64::from(pressure) * i64::from(gain)) >> 30) as i32);
-        if !self.has_room(pressure) {
+        if !turn.has_room(pressure) {
+            self.stats.overloads = self.stats.overloads.wrapping_add(1);
             self.report(k, position, [0; 2], Path::Dropped);
             return None;
         }
@@ -765,30 +805,36 @@ where
 
     /// A block of a class with more than one birth a sample.
     #[inline(never)]
-    fn crowd(&mut self, k: usize, crowd: &Crowd, strikes: &mut Strikes) {
-        // Poisson by its first three moments; 32 births or more make that exact enough to count with.
-        let normal = f64::from(self.random.rough_normal()) / Random::ROUGH_DEVIATION;
-        let mean = f64::from(crowd.births);
-        let drawn = mean + libm::sqrt(mean) * normal + (normal * normal - 1.0) / 6.0;
-        let births = libm::round(drawn).max(0.0) as u64;
+    fn crowd(&mut self, turn: &mut Turn<'_>, crowd: &Crowd, strikes: &mut Strikes) {
+        let births = crowd.count(&mut turn.random);
         self.stats.births = self.stats.births.wrapping_add(births);
-        let tuning = &self.settings.tuning[k];
-        if tuning.form == Form::Silent {
+        let mut seen = CrowdSeen {
+            frame: self.frame,
+            radius: turn.tuning.radius,
+            class: turn.k as u8,
+            words: StrikeWords::default(),
+            births,
+            path: Path::Class,
+        };
+        if turn.tuning.form == Form::Silent {
             self.stats.too_high = self.stats.too_high.wrapping_add(births);
-            return;
+            seen.path = Path::TooHigh;
+        } else if !turn.has_room(crowd.most) {
+            self.stats.overloads = self.stats.overloads.wrapping_add(births);
+            seen.path = Path::Dropped;
         }
-        if !self.has_room(crowd.most) {
+        if seen.path != Path::Class {
+            self.observer.crowd(&seen);
             return;
         }
         for (i, strike) in strikes.iter_mut().enumerate() {
-            *strike = crowd.draw(self.random);
+            *strike = crowd.draw(&mut turn.random);
             let i = i as u64;
             self.observer.crowd(&CrowdSeen {
                 frame: self.frame.wrapping_add(i),
-                radius: tuning.radius,
-                class: k as u8,
                 words: *strike,
                 births: births * (i + 1) / BLOCK as u64 - births * i / BLOCK as u64,
+                ..seen
             });
         }
     }

@@ -94,6 +94,9 @@ impl Sound {
     pub fn of_crowd(crowd: &Crowd, rate: f64) -> Self {
         let second = Tuning::new(crowd.radius, rate).second_word();
         let polar = |words: [i64; 2]| {
+            if words == [0; 2] {
+                return (0.0, 0.0);
+            }
             let [sine, other] = words.map(|word| word as f64 / (1u64 << 58) as f64);
             let cosine = (other - second[0] * sine) / second[1];
             (sine.hypot(cosine), sine.atan2(cosine))
@@ -105,7 +108,11 @@ impl Sound {
             rise_factor: 0.0,
             amplitude: [left.0, right.0],
             phase: [left.1, right.1],
-            path: SoundPath::Crowd,
+            path: match crowd.path {
+                Path::Class | Path::Voice => SoundPath::Crowd,
+                Path::Dropped => SoundPath::Dropped,
+                Path::TooHigh => SoundPath::TooHigh,
+            },
             class: Some(crowd.class + 1),
             births: crowd.births,
         }
