@@ -14,8 +14,8 @@ use crate::scene::{CURVES, IntensityCurve, Scene};
 use crate::swell::{self, Swell};
 use crate::voices::Strike;
 
-/// Ticks between two changes of radii: the time an old bank has to ring out (0.2 s at 48 kHz).
-const RETUNE_TICKS: u32 = 20;
+/// Time between two changes of radii, s: what an old bank has to ring out.
+const RETUNE: f64 = 0.213;
 /// Time a change of scene takes, s.
 const SCENE_RAMP: f32 = 0.5;
 
@@ -106,11 +106,11 @@ impl Control {
             swell: Swell::new(seed),
             drops: Drops::new(seed),
             water: population::Settings::new(),
-            mix: mix::Settings::new(0.0, 0.0, true, f64::from(sample_rate)),
+            mix: mix::Settings::new(0.0, 0.0, true),
             tuned: [0.0; 4],
             drive: None,
             mixed: [0.0; 3],
-            since_retune: RETUNE_TICKS,
+            since_retune: u32::MAX,
             water_changed: false,
             mix_changed: false,
             strikes: Vec::new(),
@@ -225,7 +225,8 @@ impl Control {
         let mut changed = false;
         self.since_retune = self.since_retune.saturating_add(1);
         let tuning = TUNING.map(|i| self.ramps[i].now);
-        let retune = tuning[..3] != self.tuned[..3] && self.since_retune >= RETUNE_TICKS;
+        let waited = f64::from(self.since_retune) * TICK as f64 / self.sample_rate;
+        let retune = tuning[..3] != self.tuned[..3] && waited >= RETUNE;
         if retune {
             let [a, b] = [tuning[0], tuning[1]].map(|mm| f64::from(mm) * 1e-3);
             let classes = tuning[2] as usize;
@@ -302,7 +303,7 @@ impl Control {
         }
         self.mixed = mixed;
         let [level, tone] = [mixed[0], mixed[1]].map(f64::from);
-        self.mix = mix::Settings::new(level, tone, mixed[2] == 1.0, self.sample_rate);
+        self.mix = mix::Settings::new(level, tone, mixed[2] == 1.0);
         true
     }
 }

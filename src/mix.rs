@@ -31,8 +31,8 @@ impl Output {
 
 /// Corner of the tone control, Hz.
 pub const TONE_CORNER: f64 = 1000.0;
-/// The DC blocker's time constant is 2^12 samples: 1.9 Hz at 48 kHz.
-const DC_SHIFT: u32 = 12;
+/// The DC blocker's corner is about this, Hz: its time constant is a power of two in samples, 2^12 at 48 kHz.
+const DC_CORNER: f64 = 1.9;
 /// Frames of exact silence after which the dither stops too.
 const DITHER_TAIL: u32 = 1024;
 /// Gains are Q24: up to +42 dB.
@@ -47,14 +47,12 @@ pub struct Settings {
     low: i32,
     /// Gain above it, Q24.
     high: i32,
-    /// One-pole coefficient of the corner, Q31.
-    corner: i32,
     limiter: bool,
 }
 
 impl Settings {
     /// `level` and `tone` in dB; tone is the tilt from far below to far above 1 kHz.
-    pub fn new(level: f64, tone: f64, limiter: bool, sample_rate: f64) -> Self {
+    pub fn new(level: f64, tone: f64, limiter: bool) -> Self {
         let gain = |db: f64| {
             if db <= -120.0 {
                 0
@@ -62,12 +60,10 @@ impl Settings {
                 to_fixed(libm::exp10(db / 20.0), 24)
             }
         };
-        let corner = 1.0 - libm::exp(-2.0 * core::f64::consts::PI * TONE_CORNER / sample_rate);
         Self {
             level: gain(level),
             low: gain(-tone / 2.0),
             high: gain(tone / 2.0),
-            corner: to_fixed(corner, 31),
             limiter,
         }
     }
@@ -115,22 +111,44 @@ impl Glide {
 /// One ear's filters.
 #[derive(Clone, Copy, Debug, Default)]
 struct Ear {
-    /// Running mean, with `DC_SHIFT` further bits.
+    /// Running mean, with [`Corners::dc`] further bits.
     dc: i64,
-    /// What is below the tone's corner, Q32.32.
+    /// The tone's low-pass, Q32.32.
     low: i64,
 }
 
 impl Ear {
     #[inline(always)]
-    fn filter(&mut self, x: i32, corner: i32, low: i32, high: i32) -> i32 {
-        let mean = self.dc >> DC_SHIFT;
+    fn filter(&mut self, x: i32, corners: &Corners, low: i32, high: i32) -> i32 {
+        let mean = self.dc >> corners.dc;
         let x = i64::from(saturate(i64::from(x) - mean));
         self.dc += x;
+        // One pole by the trapezoidal rule: nothing is left of it at the top of the band.
         let above = saturate(x - (self.low >> 32));
-        self.low += (i64::from(above) * i64::from(corner)) << 1;
-        let below = self.low >> 32;
+        let step = i64::from(above) * i64::from(corners.tone);
+        let below = (self.low + (step << 1)) >> 32;
+        self.low += step << 2;
         saturate((below * i64::from(low) + (x - below) * i64::from(high)) >> 24)
+    }
+}
+
+/// Where the filters turn; they depend on the sample rate alone.
+#[derive(Clone, Copy, Debug)]
+struct Corners {
+    /// The DC blocker's time constant is 2 to this power in samples.
+    dc: u32,
+    /// g/(1 + g) with g = tan(π·corner/rate), Q31.
+    tone: i32,
+}
+
+impl Corners {
+    fn new(sample_rate: f64) -> Self {
+        let pi = core::f64::consts::PI;
+        let g = libm::tan(pi * TONE_CORNER / sample_rate);
+        Self {
+            dc: libm::round(libm::log2(sample_rate / (2.0 * pi * DC_CORNER))) as u32,
+            tone: to_fixed(g / (1.0 + g), 31),
+        }
     }
 }
 
@@ -154,7 +172,7 @@ pub struct Mix {
     level: Glide,
     low: Glide,
     high: Glide,
-    corner: i32,
+    corners: Corners,
     limiting: bool,
     ears: [Ear; 2],
     limiter: Limiter,
@@ -171,7 +189,7 @@ impl Mix {
             level: Glide::at(settings.level),
             low: Glide::at(settings.low),
             high: Glide::at(settings.high),
-            corner: settings.corner,
+            corners: Corners::new(sample_rate),
             limiting: settings.limiter,
             ears: [Ear::default(); 2],
             limiter: Limiter::new(sample_rate),
@@ -185,7 +203,6 @@ impl Mix {
         self.level.aim(settings.level);
         self.low.aim(settings.low);
         self.high.aim(settings.high);
-        self.corner = settings.corner;
         self.limiting = settings.limiter;
     }
 
@@ -202,8 +219,8 @@ impl Mix {
         for frame in block.iter_mut() {
             let (low, high) = (self.low.next(), self.high.next());
             let [left, right] = &mut self.ears;
-            frame.left = left.filter(frame.left, self.corner, low, high);
-            frame.right = right.filter(frame.right, self.corner, low, high);
+            frame.left = left.filter(frame.left, &self.corners, low, high);
+            frame.right = right.filter(frame.right, &self.corners, low, high);
         }
         self.limiter.render(block, self.limiting, stats);
         self.dither(block);

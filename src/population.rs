@@ -418,7 +418,7 @@ impl Bank {
 
     /// Ends the block: how far all classes may swing from here, bus units.
     #[inline(always)]
-    fn settle(&mut self) -> u32 {
+    fn settle(&mut self) -> u64 {
         let mut swing = 0;
         let mut left = self.ringing;
         while left != 0 {
@@ -589,13 +589,14 @@ impl Population {
                 k += 1;
             }
         }
-        self.swing = self.banks.iter_mut().map(Bank::settle).sum();
-        while self.swing > SWING_MAX {
+        let mut swing: u64 = self.banks.iter_mut().map(Bank::settle).sum();
+        while swing > SWING_MAX {
             // Far beyond full scale: everything gives way at once, rather than wrap.
             self.banks.iter_mut().for_each(Bank::halve);
-            self.swing /= 2;
+            swing /= 2;
             stats.overloads = stats.overloads.wrapping_add(1);
         }
+        self.swing = swing as u32;
     }
 
     /// Pressure that this block's births may come to, Q27 of a pascal: what with pan (√2) and growth before the birth

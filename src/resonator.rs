@@ -15,7 +15,7 @@ pub const PITCH_LIMIT: f64 = 0.45;
 /// swing no further than [`SWING_MAX`] together, every word stays inside an i32, whatever its phase.
 pub const STRIKES_MAX: u32 = 4 << 27;
 /// Largest swing of all classes together at the end of a block, bus units: 16 Pa.
-pub const SWING_MAX: u32 = 16 << 26;
+pub const SWING_MAX: u64 = 16 << 26;
 
 /// Which recurrence a class runs.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -264,7 +264,7 @@ impl State {
 
     /// Ends a block: how far the words may swing from here, bus units. 0: too soft to hear, and now at rest for good.
     #[inline(always)]
-    pub fn settle(&mut self, tuning: &Tuning) -> u32 {
+    pub fn settle(&mut self, tuning: &Tuning) -> u64 {
         let size = |word: i64| ((word >> 32) as i32).unsigned_abs();
         let loudest = |[a, b]: [i64; 2]| size(a).max(size(b));
         let loudest = loudest(self.left).max(loudest(self.right));
@@ -272,7 +272,7 @@ impl State {
             *self = Self::SILENT;
             return 0;
         }
-        ((u64::from(loudest) * u64::from(tuning.swing)) >> 3).min(u64::from(u32::MAX / 128)) as u32
+        (u64::from(loudest) * u64::from(tuning.swing)) >> 3
     }
 
     /// Half as loud.

@@ -57,7 +57,7 @@ fn limited(frames: &[Frame], on: bool, rate: f64) -> (Vec<Frame>, Stats) {
 
 /// `frames` through a mix at rest, at level 0 dB.
 fn mixed(frames: &[Frame], output: Output, tone: f64, rate: f64) -> Vec<Frame> {
-    let settings = Settings::new(0.0, tone, true, rate);
+    let settings = Settings::new(0.0, tone, true);
     let mut mix = Mix::new(output, 7, &settings, rate);
     through(frames, |block| mix.render(block, &mut Stats::default()))
 }
@@ -333,7 +333,7 @@ fn no_tone_is_transparent_to_the_bit() {
 
     // One mix comes from a tone of 12 dB, the other was never anywhere but at 0: the same words.
     let run = |before: f64| {
-        let settings = |tone| Settings::new(0.0, tone, true, RATE);
+        let settings = |tone| Settings::new(0.0, tone, true);
         let mut mix = Mix::new(Output::Bits24, 7, &settings(before), RATE);
         let mut blocks = 0;
         through(&signal, |block| {
@@ -352,7 +352,7 @@ fn no_tone_is_transparent_to_the_bit() {
 
 #[test]
 fn a_level_moves_along_a_line_over_one_tick() {
-    let settings = |level| Settings::new(level, 0.0, true, RATE);
+    let settings = |level| Settings::new(level, 0.0, true);
     let steady = 1 << 24;
     let want = |level: f64| (f64::from(steady) * 10f64.powf(level / 20.0)).round();
     let mut mix = Mix::new(Output::Raw, 7, &settings(0.0), RATE);
