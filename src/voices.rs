@@ -301,6 +301,20 @@ impl Voice {
     /// The plain life of a voice: sine, envelope, two ears.
     #[inline(always)]
     fn steady(&self, run: &mut Run, [left, right]: [&mut [i32]; 2]) {
+        let whole = (
+            <&mut [i32; BLOCK]>::try_from(&mut *left),
+            <&mut [i32; BLOCK]>::try_from(&mut *right),
+        );
+        if let (Ok(left), Ok(right)) = whole {
+            // The length known, a compiler unrolls.
+            self.sing(run, left, right);
+        } else {
+            self.sing(run, left, right);
+        }
+    }
+
+    #[inline(always)]
+    fn sing(&self, run: &mut Run, left: &mut [i32], right: &mut [i32]) {
         for (left, right) in left.iter_mut().zip(right) {
             let swing = mul_high_down(sine(run.phase), run.envelope);
             *left = left.wrapping_add(mul_high(swing, self.gain[0]));
