@@ -1,6 +1,6 @@
 //! Water and fire from physics, in fixed point: the core that sounds the same on a desk and on a microcontroller.
 //!
-//! `Params` over one constant [table](param) → [`Control`](control::Control), once a [tick](frame::TICK), makes
+//! A [scene] over one constant [table](param) → [`Control`](control::Control), once a [tick](frame::TICK), makes
 //! settings → [`Synth`] renders blocks of [`Frame`]s from them. [`Instrument`] keeps the two in step.
 //!
 //! One bus carries pressure in pascal at 1 m from the scene; [`fixed::FULL_SCALE_PA`] of them are digital full scale.

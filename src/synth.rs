@@ -175,11 +175,6 @@ impl<P: Profile> Instrument<P> {
         }
     }
 
-    /// Frames until the next block begins: what is struck now sounds from there on.
-    pub fn until_block(&self) -> usize {
-        BLOCK - self.given
-    }
-
     /// Sounds a single bubble, counted from the next block's first frame.
     pub fn strike<O: Observer>(&mut self, strike: &Strike, observer: &mut O) {
         self.synth.strike(strike, observer);

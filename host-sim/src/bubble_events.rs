@@ -21,7 +21,7 @@ use std::io::{BufRead, BufReader, Read};
 use std::path::{Path, PathBuf};
 
 /// Largest amplitude a bubble may have, in Pa at 1 m: what the bus between sources and mixer holds.
-const MAX_AMPLITUDE: f64 = 8.0;
+const MAX_AMPLITUDE: f64 = freshet::fixed::BUBBLE_MAX_PA as f64;
 const MIN_RADIUS_MM: f64 = 0.15;
 const MAX_RADIUS_MM: f64 = 150.0;
 const MAX_RISE_FACTOR: f64 = 100.0;
