@@ -572,7 +572,6 @@ impl Population {
             observer,
         };
         let settings = &self.settings;
-        let mut strikes: [Strikes; 2] = [[StrikeWords::default(); BLOCK]; 2];
         let mut k = 0;
         while k < settings.classes {
             let pair = k + 1 < settings.classes
@@ -580,13 +579,10 @@ impl Population {
                 && settings.is_dense(k + 1)
                 && settings.tuning[k].form == settings.tuning[k + 1].form;
             if pair {
-                births.gather(k, &mut strikes[0]);
-                births.gather(k + 1, &mut strikes[1]);
-                bank.ring_struck_pair(k, &strikes, out);
+                bank.ring_struck_pair(k, &[births.gather(k), births.gather(k + 1)], out);
                 k += 2;
             } else if settings.is_dense(k) {
-                births.gather(k, &mut strikes[0]);
-                bank.ring_struck(k, &strikes[0], out);
+                bank.ring_struck(k, &births.gather(k), out);
                 k += 1;
             } else {
                 bank.ring_with(k, &mut births, out);
@@ -653,13 +649,13 @@ where
 {
     /// All births of class `k` in this block.
     #[inline(always)]
-    fn gather(&mut self, k: usize, strikes: &mut Strikes) {
-        *strikes = [StrikeWords::default(); BLOCK];
+    fn gather(&mut self, k: usize) -> Strikes {
+        let mut strikes: Strikes = [StrikeWords::default(); BLOCK];
         // Copies: nothing else can change them, so that they stay in registers.
         let (flow, tuning) = (self.settings.flow[k], self.settings.tuning[k]);
         let mut turn = self.begin(k, &flow, &tuning);
         if let Some(crowd) = &flow.crowd {
-            self.crowd(&mut turn, crowd, strikes);
+            self.crowd(&mut turn, crowd, &mut strikes);
         }
         while let Some((position, bits)) = self.next(&mut turn) {
             if let Some((sample, strike)) = self.birth(&mut turn, position, bits) {
@@ -667,6 +663,7 @@ where
             }
         }
         self.end(turn);
+        strikes
     }
 
     #[inline(always)]
