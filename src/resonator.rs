@@ -202,6 +202,13 @@ pub struct StrikeWords {
 /// The strikes of a block, sample by sample.
 pub type Strikes = [StrikeWords; BLOCK];
 
+/// Both words of one ear.
+#[inline(always)]
+fn add_words(mine: &mut [i64; 2], theirs: [i64; 2]) {
+    mine[0] += theirs[0];
+    mine[1] += theirs[1];
+}
+
 impl StrikeWords {
     /// A bubble of `left` and `right` (Q27 of a pascal) whose words of amplitude 1 are given.
     #[inline(always)]
@@ -218,10 +225,8 @@ impl StrikeWords {
     /// Both together.
     #[inline(always)]
     pub fn add(&mut self, other: Self) {
-        for (mine, theirs) in [(&mut self.left, other.left), (&mut self.right, other.right)] {
-            mine[0] += theirs[0];
-            mine[1] += theirs[1];
-        }
+        add_words(&mut self.left, other.left);
+        add_words(&mut self.right, other.right);
     }
 }
 
@@ -235,13 +240,8 @@ impl State {
     /// Adds a strike.
     #[inline(always)]
     pub fn strike(&mut self, strike: StrikeWords) {
-        for (mine, theirs) in [
-            (&mut self.left, strike.left),
-            (&mut self.right, strike.right),
-        ] {
-            mine[0] += theirs[0];
-            mine[1] += theirs[1];
-        }
+        add_words(&mut self.left, strike.left);
+        add_words(&mut self.right, strike.right);
     }
 
     /// Runs the pair over `out`, adding.
@@ -322,10 +322,8 @@ impl Recurrence for Circle {
     }
     #[inline(always)]
     fn strike(&mut self, strike: &StrikeWords) {
-        for i in 0..2 {
-            self.left[i] += strike.left[i];
-            self.right[i] += strike.right[i];
-        }
+        add_words(&mut self.left, strike.left);
+        add_words(&mut self.right, strike.right);
     }
     #[inline(always)]
     fn end(self) -> State {
@@ -366,10 +364,8 @@ impl Recurrence for Direct {
     }
     #[inline(always)]
     fn strike(&mut self, strike: &StrikeWords) {
-        for i in 0..2 {
-            self.left[i] += strike.left[i] >> 32;
-            self.right[i] += strike.right[i] >> 32;
-        }
+        add_words(&mut self.left, strike.left.map(|word| word >> 32));
+        add_words(&mut self.right, strike.right.map(|word| word >> 32));
     }
     #[inline(always)]
     fn end(self) -> State {
