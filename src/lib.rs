@@ -9,6 +9,7 @@
 #![no_std]
 #![forbid(unsafe_code)]
 
+pub mod bank;
 pub mod bubble;
 pub mod control;
 pub mod drops;

@@ -10,8 +10,9 @@ use freshet::voices::{Pitch, Strike};
 use freshet::{Frame, TICK};
 
 use crate::board::{Board, Player};
+use crate::built_in::SCENES;
 use crate::scene_file::SceneFile;
-use crate::source::{SCENES, Source};
+use crate::source::Source;
 
 const RATE: u32 = 48_000;
 /// Each figure is the best of so many runs: what else the machine does only ever adds.

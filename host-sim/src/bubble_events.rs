@@ -20,6 +20,8 @@ use std::fs::File;
 use std::io::{BufRead, BufReader, Read};
 use std::path::{Path, PathBuf};
 
+use crate::scene_file::cannot_read;
+
 /// Largest amplitude a bubble may have, in Pa at 1 m: what the bus between sources and mixer holds.
 const MAX_AMPLITUDE: f64 = freshet::fixed::BUBBLE_MAX_PA as f64;
 const MIN_RADIUS_MM: f64 = 0.15;
@@ -431,21 +433,6 @@ impl Lines {
     fn error(&self, message: std::fmt::Arguments<'_>) -> anyhow::Error {
         anyhow!("{}:{}: {message}", self.path.display(), self.number)
     }
-}
-
-/// The error for a file that could not be read, with what to do about it.
-#[cold]
-pub(crate) fn cannot_read(path: &Path, error: &std::io::Error) -> anyhow::Error {
-    use std::io::ErrorKind::{IsADirectory, NotFound, PermissionDenied};
-    let reason = error.to_string();
-    let reason = reason.split(" (os error").next().unwrap_or_default();
-    let hint = match error.kind() {
-        NotFound => " (is the path right?)",
-        IsADirectory => " (expected a file)",
-        PermissionDenied => " (may you read it?)",
-        _ => "",
-    };
-    anyhow!("cannot read {}: {reason}{hint}", path.display())
 }
 
 /// What was read, for a message: one line of it, harmless to a terminal.

@@ -1,16 +1,29 @@
 //! The desk side of freshet: scenes, rendering, measuring. The command `freshet` is a thin shell over it.
 #![forbid(unsafe_code)]
 
+pub mod bank;
+pub mod built_in;
+pub mod scene_file;
+
+#[cfg(feature = "command")]
 pub mod bench;
+#[cfg(feature = "command")]
 pub mod births;
+#[cfg(feature = "command")]
 pub mod board;
+#[cfg(feature = "command")]
 pub mod bubble_events;
+#[cfg(feature = "command")]
 pub mod list;
 #[cfg(feature = "play")]
 pub mod play;
+#[cfg(feature = "command")]
 pub mod reference;
+#[cfg(feature = "command")]
 pub mod render;
-pub mod scene_file;
+#[cfg(feature = "command")]
 pub mod source;
+#[cfg(feature = "command")]
 pub mod spectrogram;
+#[cfg(feature = "command")]
 pub mod wav;

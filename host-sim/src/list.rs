@@ -3,8 +3,9 @@
 use anyhow::Result;
 use freshet::param::{self, Curve, Kind, Param, TABLE};
 
+use crate::built_in::SCENES;
 use crate::scene_file::{SceneFile, expectation, show_value, unknown_path};
-use crate::source::{SCENES, Source};
+use crate::source::Source;
 
 /// Every scene that travels with the command, a line each.
 pub fn list() -> Result<String> {

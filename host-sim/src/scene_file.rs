@@ -22,8 +22,6 @@ use freshet::scene::{CURVES, IntensityCurve, POINTS, Scene};
 use toml::Spanned;
 use toml::de::{DeTable, DeValue};
 
-use crate::bubble_events::cannot_read;
-
 /// Longest file read: what is longer is no scene and must not fill the memory.
 const MAX_BYTES: u64 = 1 << 20;
 
@@ -206,6 +204,21 @@ fn parse_value(param: &Param, text: &str) -> Result<f32> {
         Ok(value) => check(param, value, text),
         Err(_) => bail!("{} = {text}: expected {}", param.path, expectation(param)),
     }
+}
+
+/// The error for a file that could not be read, with what to do about it.
+#[cold]
+pub(crate) fn cannot_read(path: &Path, error: &std::io::Error) -> anyhow::Error {
+    use std::io::ErrorKind::{IsADirectory, NotFound, PermissionDenied};
+    let reason = error.to_string();
+    let reason = reason.split(" (os error").next().unwrap_or_default();
+    let hint = match error.kind() {
+        NotFound => " (is the path right?)",
+        IsADirectory => " (expected a file)",
+        PermissionDenied => " (may you read it?)",
+        _ => "",
+    };
+    anyhow!("cannot read {}: {reason}{hint}", path.display())
 }
 
 struct Reader<'a> {

@@ -10,9 +10,8 @@ use freshet::param;
 use freshet::voices::{Pitch, Strike};
 
 use crate::bubble_events::{BubbleEvent, BubbleEvents};
+use crate::built_in::{self, SCENES};
 use crate::scene_file::{SceneFile, nearest, put};
-
-include!(concat!(env!("OUT_DIR"), "/scenes.rs"));
 
 /// Something to render.
 #[derive(Clone, Debug)]
@@ -71,11 +70,11 @@ impl Source {
     /// A scene that travels with the command.
     pub fn built_in(name: &str) -> Result<Self> {
         let plain = name.to_lowercase().replace([' ', '_'], "-");
-        match SCENES.iter().find(|scene| scene.0 == plain) {
-            Some((name, text)) => Ok(Self {
-                name: (*name).to_owned(),
+        match built_in::scene(&plain) {
+            Some(scene) => Ok(Self {
+                name: plain,
                 path: None,
-                scene: SceneFile::parse(&format!("scenes/{name}.toml"), text)?,
+                scene: scene?,
                 events: None,
             }),
             None if Path::new(name).exists() => {

@@ -9,8 +9,9 @@ use freshet::scene::Scene;
 use freshet::{Frame, TICK};
 use freshet_host::births::Births;
 use freshet_host::board::{Board, Player};
+use freshet_host::built_in::SCENES;
 use freshet_host::scene_file::{SceneFile, put};
-use freshet_host::source::{SCENES, Source};
+use freshet_host::source::Source;
 
 /// A scene from TOML.
 pub fn scene(toml: &str) -> Scene {
