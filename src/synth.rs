@@ -24,15 +24,15 @@ impl<P: Profile> Synth<P> {
     /// A silent instrument that starts with the settings of `control`.
     pub fn new(seed: u64, output: Output, control: &Control, sample_rate: u32) -> Self {
         let (water, mix) = control.settings();
-        let mut population = Population::new(seed, P::BIRTHS_PER_BLOCK);
-        population.apply(water);
-        Self {
-            population,
+        let mut synth = Self {
+            population: Population::new(seed, P::BIRTHS_PER_BLOCK),
             voices: Voices::new(P::voices()),
             mix: Mix::new(output, seed, mix, f64::from(sample_rate)),
             stats: Stats::default(),
             frame: 0,
-        }
+        };
+        synth.population.apply(water);
+        synth
     }
 
     /// Takes what a tick of the control path changed, before the tick's first block.

@@ -1,0 +1,102 @@
+//! The audio task: above everything but the DMA's interrupt, it turns what control left into blocks.
+
+use core::cell::RefCell;
+use core::sync::atomic::{AtomicU32, Ordering::Relaxed};
+
+use critical_section::Mutex;
+use embassy_executor::InterruptExecutor;
+use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
+use embassy_sync::signal::Signal;
+use freshet::control::Control;
+use freshet::frame::BLOCKS_PER_TICK;
+use freshet::{BLOCK, Block, Frame, Synth};
+
+use crate::board::Capacity;
+use crate::i2s::{self, Wanted};
+use crate::meter::Meter;
+use crate::supervisor::{self, Client};
+
+/// Runs the audio task; a spare interrupt of the board stands for it.
+pub static EXECUTOR: InterruptExecutor = InterruptExecutor::new();
+/// Cycles of a block.
+pub static METER: Meter = Meter::new();
+/// Frames that the limiter had to clip.
+pub static CLIPPED: AtomicU32 = AtomicU32::new(0);
+/// Ticks for which control had nothing ready.
+static MISSED: AtomicU32 = AtomicU32::new(0);
+
+/// Frames of the fade after a fault (5 ms): a power of two.
+const FADE: u32 = 256;
+
+/// The control path with what it computed for the next tick; audio gives it back when it has taken that.
+static READY: Mutex<RefCell<Option<&'static mut Control>>> = Mutex::new(RefCell::new(None));
+static TAKEN: Signal<CriticalSectionRawMutex, &'static mut Control> = Signal::new();
+
+/// Hands the control path over, its next tick computed, and waits until audio has taken the tick.
+pub async fn exchange(control: &'static mut Control) -> &'static mut Control {
+    critical_section::with(|cs| READY.borrow_ref_mut(cs).replace(control));
+    TAKEN.wait().await
+}
+
+/// Ticks for which control had nothing ready.
+pub fn missed() -> u32 {
+    MISSED.load(Relaxed)
+}
+
+/// Plays for ever.
+#[embassy_executor::task]
+pub async fn run(synth: &'static mut Synth<Capacity>) {
+    let mut block: Block = [Frame::ZERO; BLOCK];
+    let mut blocks = 0;
+    let mut fade = 0;
+    let mut late = 0;
+    i2s::restart();
+    loop {
+        if i2s::wanted().await == Wanted::Restart {
+            i2s::restart();
+            fade = FADE;
+            continue;
+        }
+        METER.measure(|| {
+            if blocks == 0 {
+                take_tick(synth);
+            }
+            blocks = (blocks + 1) % BLOCKS_PER_TICK;
+            synth.render(&mut block, &mut ());
+            let now = i2s::faults().late;
+            if now != late {
+                late = now;
+                fade = FADE;
+            }
+            if fade > 0 {
+                fade = fade_in(&mut block, fade);
+            }
+            i2s::hand_in(&block);
+        });
+        CLIPPED.store(synth.stats().clipped as u32, Relaxed);
+        supervisor::check_in(Client::Audio);
+    }
+}
+
+/// Takes what control computed for this tick.
+fn take_tick(synth: &mut Synth<Capacity>) {
+    let Some(control) = critical_section::with(|cs| READY.borrow_ref_mut(cs).take()) else {
+        MISSED.fetch_add(1, Relaxed);
+        return;
+    };
+    synth.apply(&control.update(), &mut ());
+    TAKEN.signal(control);
+}
+
+/// Fades in with `left` frames of the fade to go; returns how many are left then.
+fn fade_in(block: &mut Block, mut left: u32) -> u32 {
+    for frame in block {
+        let gain = (FADE - left) as i32;
+        for sample in [&mut frame.left, &mut frame.right] {
+            // 24 bits and 9 would not fit.
+            *sample = (i64::from(*sample) * i64::from(gain) / i64::from(FADE)) as i32;
+        }
+        left = left.saturating_sub(1);
+    }
+    left
+}

@@ -1,0 +1,109 @@
+//! What a crash leaves behind: a record in RAM that a reset does not clear, read at the next start.
+
+use core::cell::UnsafeCell;
+use core::fmt::Write;
+use core::mem::MaybeUninit;
+use core::panic::PanicInfo;
+use core::sync::atomic::{AtomicU32, Ordering::Relaxed};
+
+use cortex_m::peripheral::SCB;
+
+use crate::log;
+
+/// Tells a record from what RAM holds after power-on.
+const MAGIC: u32 = 0xdead_f1a5;
+/// Longest message kept, bytes.
+const TEXT: usize = 116;
+
+/// The record. It is valid where `magic` is [`MAGIC`] and `check` matches.
+#[repr(C)]
+struct Record {
+    magic: u32,
+    /// Sum of the text's bytes and of `length`.
+    check: u32,
+    length: u32,
+    text: [u8; TEXT],
+}
+
+#[repr(transparent)]
+struct Box(UnsafeCell<MaybeUninit<Record>>);
+// SAFETY: written only by the panic handler, which masks interrupts, and read only at the start, before anything runs.
+unsafe impl Sync for Box {}
+
+#[unsafe(link_section = ".uninit.blackbox")]
+#[unsafe(no_mangle)]
+static BLACKBOX: Box = Box(UnsafeCell::new(MaybeUninit::uninit()));
+
+/// Crashes in a row, that is with a record at each start.
+static CRASHES: AtomicU32 = AtomicU32::new(0);
+
+impl Record {
+    fn sum(&self) -> u32 {
+        let text = self.text.iter().take(self.length as usize);
+        text.fold(self.length, |sum, byte| {
+            sum.wrapping_mul(31) + u32::from(*byte)
+        })
+    }
+}
+
+/// Reports the record of the last crash, if there is one, and takes it away. True where there was.
+pub fn report() -> bool {
+    // SAFETY: every pattern of bits is a Record; nothing else touches it at the start.
+    let record = unsafe { &mut *BLACKBOX.0.get().cast::<Record>() };
+    let valid =
+        record.magic == MAGIC && record.length as usize <= TEXT && record.check == record.sum();
+    record.magic = 0;
+    if valid {
+        CRASHES.store(1, Relaxed);
+        let text = &record.text[..record.length as usize];
+        log::error!(
+            "crashed before: {}",
+            core::str::from_utf8(text).unwrap_or("?")
+        );
+    }
+    valid
+}
+
+/// Writes into the record until it is full.
+struct Pen<'a>(&'a mut Record);
+
+impl Write for Pen<'_> {
+    fn write_str(&mut self, text: &str) -> core::fmt::Result {
+        for byte in text.bytes() {
+            let at = self.0.length as usize;
+            let Some(place) = self.0.text.get_mut(at) else {
+                break;
+            };
+            *place = byte;
+            self.0.length += 1;
+        }
+        Ok(())
+    }
+}
+
+/// Mutes, leaves `what` in the record and starts again.
+fn crash(what: core::fmt::Arguments<'_>) -> ! {
+    cortex_m::interrupt::disable();
+    crate::i2s::mute();
+    // SAFETY: interrupts are off, and this does not return.
+    let record = unsafe { &mut *BLACKBOX.0.get().cast::<Record>() };
+    record.length = 0;
+    let _ = Pen(record).write_fmt(what);
+    record.magic = MAGIC;
+    record.check = record.sum();
+    SCB::sys_reset()
+}
+
+#[panic_handler]
+fn panic(info: &PanicInfo<'_>) -> ! {
+    crash(format_args!("{info}"))
+}
+
+#[cortex_m_rt::exception]
+unsafe fn HardFault(frame: &cortex_m_rt::ExceptionFrame) -> ! {
+    crash(format_args!(
+        "hard fault at {:#x}, called from {:#x}",
+        frame.pc(),
+        frame.lr()
+    ))
+}

@@ -1,0 +1,167 @@
+//! STM32F407G-DISC1: STM32F407VG, 168 MHz, with a CS43L22 on the board. Pins from its manual, UM1472.
+
+use embassy_stm32::gpio::{AfType, AnyPin, Flex, Input, Level, Output, OutputType, Pull, Speed};
+use embassy_stm32::i2c::{self, I2c, Master};
+use embassy_stm32::mode::Blocking;
+use embassy_stm32::peripherals::SPI3;
+use embassy_stm32::rcc::{
+    AHBPrescaler, APBPrescaler, Hse, HseMode, Pll, PllMul, PllPDiv, PllPreDiv, PllQDiv, PllRDiv,
+    PllSource, Sysclk,
+};
+use embassy_stm32::time::Hertz;
+use embassy_stm32::{Config, Peri, interrupt, pac, rcc};
+use embassy_time::Duration;
+
+use super::{Board, Button, DMA_PRIORITY, Lights};
+use crate::clock::SampleClock;
+use crate::{audio, i2s, log};
+
+/// The board's name.
+pub const NAME: &str = "STM32F407G-DISC1";
+/// What it can hold.
+pub type Capacity = freshet::profile::F407;
+
+/// 8 MHz / 5 · 192 / 5 = 61.44 MHz = 48 000 · 256 · 5.
+pub const CLOCK: SampleClock = SampleClock {
+    crystal: 8_000_000,
+    m: 5,
+    n: 192,
+    r: 5,
+    div: 2,
+    odd: true,
+    master_clock: true,
+};
+
+/// I2S3 and the stream and channel of DMA1 that serve it.
+pub const SPI: pac::spi::Spi = pac::SPI3;
+/// See [`SPI`].
+pub const DMA: pac::dma::Dma = pac::DMA1;
+/// See [`SPI`].
+pub const STREAM: usize = 5;
+/// See [`SPI`].
+pub const CHANNEL: u8 = 0;
+
+/// An interrupt that nothing on this board uses: it stands for the audio task.
+pub const AUDIO_INTERRUPT: interrupt::Interrupt = interrupt::UART5;
+
+#[interrupt]
+unsafe fn UART5() {
+    // SAFETY: this is the interrupt that the executor was started with.
+    unsafe { audio::EXECUTOR.on_interrupt() }
+}
+
+#[interrupt]
+fn DMA1_STREAM5() {
+    i2s::on_interrupt();
+}
+
+/// Sets up clocks, pins and the codec.
+pub fn init() -> Board {
+    let crystal = super::f4::crystal_starts();
+    // The internal 16 MHz serve in need, at the same 1.6 MHz into the loops: 1 % off pitch, but it sounds.
+    let (source, prediv) = if crystal {
+        (PllSource::HSE, PllPreDiv::DIV5)
+    } else {
+        log::error!("the crystal does not start");
+        (PllSource::HSI, PllPreDiv::DIV10)
+    };
+    let mut config = Config::default();
+    config.dma_interrupt_priority = DMA_PRIORITY;
+    config.rcc.hse = crystal.then_some(Hse {
+        freq: Hertz(CLOCK.crystal),
+        mode: HseMode::Oscillator,
+    });
+    config.rcc.pll_src = source;
+    // 168 MHz for the core, 48 MHz for USB.
+    config.rcc.pll = Some(Pll {
+        prediv,
+        mul: PllMul::MUL210,
+        divp: Some(PllPDiv::DIV2),
+        divq: Some(PllQDiv::DIV7),
+        divr: None,
+    });
+    config.rcc.plli2s = Some(Pll {
+        prediv,
+        mul: PllMul::from(CLOCK.n as u16),
+        divp: None,
+        divq: None,
+        divr: Some(PllRDiv::from(CLOCK.r as u8)),
+    });
+    config.rcc.ahb_pre = AHBPrescaler::DIV1;
+    config.rcc.apb1_pre = APBPrescaler::DIV4;
+    config.rcc.apb2_pre = APBPrescaler::DIV2;
+    config.rcc.sys = Sysclk::PLL1_P;
+    let p = embassy_stm32::init(config);
+    super::f4::speed_up();
+    rcc::enable_and_reset::<SPI3>();
+    let af6 = AfType::output(OutputType::PushPull, Speed::VeryHigh);
+    for mut pin in [
+        Flex::new(p.PC7),
+        Flex::new(p.PC10),
+        Flex::new(p.PC12),
+        Flex::new(p.PA4),
+    ] {
+        pin.set_as_af_unchecked(6, af6);
+        core::mem::forget(pin);
+    }
+    // The codec wants its master clock before it is switched on.
+    i2s::idle();
+    let mut reset = Output::new(p.PD4, Level::Low, Speed::Low);
+    embassy_time::block_for(Duration::from_millis(1));
+    reset.set_high();
+    core::mem::forget(reset);
+    let mut bus = i2c::Config::default();
+    bus.timeout = Duration::from_millis(10);
+    let codec = start_codec(&mut I2c::new_blocking(p.I2C1, p.PB6, p.PB9, bus));
+    if codec.is_err() {
+        log::error!("the codec does not answer");
+    }
+    let light = |pin: Peri<'static, AnyPin>| Output::new(pin, Level::Low, Speed::Low);
+    Board {
+        lights: Lights {
+            alive: light(p.PD12.into()),
+            clip: Some(light(p.PD13.into())),
+            late: Some(light(p.PD14.into())),
+            trouble: Some(light(p.PD15.into())),
+            inverted: false,
+        },
+        button: Button {
+            pin: Input::new(p.PA0, Pull::Down),
+            down: true,
+        },
+        watchdog: p.IWDG,
+        trouble: !crystal || codec.is_err(),
+    }
+}
+
+/// Address of the CS43L22.
+const CODEC: u8 = 0x4a;
+
+/// Initialises the CS43L22 as its data sheet asks (§4.11), headphones on, 24-bit I2S, -12 dB.
+fn start_codec(bus: &mut I2c<'static, Blocking, Master>) -> Result<(), i2c::Error> {
+    const SEQUENCE: [(u8, u8); 14] = [
+        (0x02, 0x01), // power down
+        (0x00, 0x99), // required settings
+        (0x47, 0x80),
+        (0x32, 0x80),
+        (0x32, 0x00),
+        (0x00, 0x00),
+        (0x04, 0xaf), // headphones on, speaker off
+        (0x05, 0x81), // clocks found out by itself
+        (0x06, 0x04), // slave, I2S, up to 24 bits
+        (0x0a, 0x00), // no soft ramp, no zero crossing: the core does not click
+        (0x20, 0xe8), // both channels at -12 dB
+        (0x21, 0xe8),
+        (0x1a, 0x00), // PCM volume 0 dB
+        (0x1b, 0x00),
+    ];
+    for (register, value) in SEQUENCE {
+        bus.blocking_write(CODEC, &[register, value])?;
+    }
+    bus.blocking_write(CODEC, &[0x02, 0x9e])
+}
+
+/// Silences the codec at once, by its reset.
+pub fn mute() {
+    pac::GPIOD.bsrr().write(|w| w.set_br(4, true));
+}

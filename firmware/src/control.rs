@@ -1,0 +1,99 @@
+//! The control task: below audio, it computes the next tick while this one plays, and listens to the button.
+
+use embassy_executor::Spawner;
+use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
+use embassy_sync::channel::Channel;
+use embassy_time::Timer;
+use freshet::Synth;
+use freshet::control::Control;
+use freshet::mix::Output;
+use freshet::profile::Profile;
+use static_cell::StaticCell;
+
+use crate::audio;
+use crate::board::{self, Capacity};
+use crate::clock::SAMPLE_RATE;
+use crate::flash::Scenes;
+use crate::log;
+use crate::supervisor::{self, Client};
+
+/// What a person asks for.
+enum Wish {
+    NextScene,
+}
+
+static WISHES: Channel<CriticalSectionRawMutex, Wish, 8> = Channel::new();
+
+/// Reads the scenes and starts the sound.
+pub fn start(button: board::Button, spawner: Spawner) {
+    let scenes = Scenes::open();
+    supervisor::set_trouble(scenes.damaged());
+    let seed = scenes.seed();
+    let control = first_control(&scenes, seed);
+    let synth = first_synth(control, seed);
+    board::spawner().spawn(unwrap(audio::run(synth)));
+    spawner.spawn(unwrap(run(control, scenes)));
+    spawner.spawn(unwrap(watch(button)));
+}
+
+// Two functions, so that what both need on the way does not stand on the stack together.
+
+#[inline(never)]
+fn first_control(scenes: &Scenes, seed: u64) -> &'static mut Control {
+    static CONTROL: StaticCell<Control> = StaticCell::new();
+    let (name, scene) = scenes.scene(scenes.first());
+    log::info!("scene {}, seed {}", name, seed);
+    CONTROL.init_with(|| Control::new(&scene, SAMPLE_RATE, Capacity::MAX_RATE, seed))
+}
+
+#[inline(never)]
+fn first_synth(control: &Control, seed: u64) -> &'static mut Synth<Capacity> {
+    static SYNTH: StaticCell<Synth<Capacity>> = StaticCell::new();
+    SYNTH.init_with(|| Synth::new(seed, Output::Bits24, control, SAMPLE_RATE))
+}
+
+/// Each task is started once, so there is a place for it.
+fn unwrap<T>(token: Result<T, embassy_executor::SpawnError>) -> T {
+    // PANIC: a task started twice is a fault of this program; the restart that follows says so.
+    token.expect("each task is started once")
+}
+
+/// One tick after another.
+#[embassy_executor::task]
+async fn run(mut control: &'static mut Control, scenes: Scenes) {
+    let mut playing = scenes.first();
+    loop {
+        control = audio::exchange(control).await;
+        while let Ok(Wish::NextScene) = WISHES.try_receive() {
+            playing = (playing + 1) % scenes.count();
+            let (name, scene) = scenes.scene(playing);
+            control.load(&scene);
+            log::info!("scene {}", name);
+        }
+        tick(control);
+        supervisor::check_in(Client::Control);
+    }
+}
+
+/// Computes the next tick. A function of its own, so that it can be found and measured.
+#[inline(never)]
+fn tick(control: &mut Control) {
+    control.tick();
+}
+
+/// Waits for the button.
+#[embassy_executor::task]
+async fn watch(button: board::Button) {
+    let mut was_down = false;
+    loop {
+        // Two looks that agree, 10 ms apart, are no bounce.
+        let down = button.is_down();
+        Timer::after_millis(10).await;
+        if down == button.is_down() && down != was_down {
+            was_down = down;
+            if down {
+                let _ = WISHES.try_send(Wish::NextScene);
+            }
+        }
+    }
+}

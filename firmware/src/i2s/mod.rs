@@ -1,0 +1,180 @@
+//! Blocks out through I2S: a circular DMA over two halves, each one block long.
+//!
+//! **Deadline.** The DMA's interrupt comes each time a half begins to play; the other half is then free, and has to be
+//! filled before the next interrupt, one block (32 frames, 667 µs) later. **When it is missed**, the interrupt itself
+//! puts into the half that begins to play a fade from the last frame heard to silence, or silence: nothing old is ever
+//! repeated, and no channel can change places, for DMA and I2S never stop. The block that came late plays next, and
+//! [`audio`](crate::audio) fades in. When the hardware reports an error, both are built anew.
+//!
+//! embassy's ring buffer is not used: after an underrun its write index may land in the middle of a frame.
+
+#[cfg_attr(any(feature = "f407", feature = "f411"), path = "f4.rs")]
+#[cfg_attr(feature = "h743", path = "h7.rs")]
+mod hardware;
+
+use core::cell::UnsafeCell;
+use core::sync::atomic::{AtomicBool, AtomicI32, AtomicU32, Ordering::Relaxed};
+use core::task::Poll;
+
+use embassy_sync::waitqueue::AtomicWaker;
+use freshet::{BLOCK, Block, Frame};
+
+/// Words of a half: a left and a right one for each frame.
+const HALF: usize = 2 * BLOCK;
+
+#[repr(transparent)]
+struct Halves(UnsafeCell<[[u32; HALF]; 2]>);
+// SAFETY: written by the audio task with interrupts masked, or by the DMA's interrupt, which then is the only one.
+unsafe impl Sync for Halves {}
+
+#[unsafe(link_section = ".dma")]
+static HALVES: Halves = Halves(UnsafeCell::new([[0; HALF]; 2]));
+
+/// Interrupts so far: halves that have begun to play.
+static TURN: AtomicU32 = AtomicU32::new(0);
+/// The turn for which a block has been handed in, or [`NOBODY`].
+static FILLED: AtomicU32 = AtomicU32::new(0);
+/// Silence is played and nobody is late.
+const NOBODY: u32 = u32::MAX;
+/// The frame heard last, 24 bits.
+static LAST: [AtomicI32; 2] = [AtomicI32::new(0), AtomicI32::new(0)];
+/// Halves that had to be muted.
+static LATE: AtomicU32 = AtomicU32::new(0);
+/// Hardware errors.
+static ERRORS: AtomicU32 = AtomicU32::new(0);
+static FAILED: AtomicBool = AtomicBool::new(false);
+static WAKER: AtomicWaker = AtomicWaker::new();
+
+/// What the audio task is woken for.
+#[derive(Clone, Copy, PartialEq, Eq)]
+pub enum Wanted {
+    /// A half is free for the next block.
+    Block,
+    /// The hardware reported an error: [`restart`], then go on.
+    Restart,
+}
+
+/// What went wrong so far.
+#[derive(Clone, Copy, Default, PartialEq, Eq)]
+pub struct Faults {
+    /// Blocks that came too late.
+    pub late: u32,
+    /// Errors of DMA or I2S, each followed by a restart.
+    pub errors: u32,
+}
+
+/// Starts the clocks and plays silence, for a codec that wants its clocks first.
+pub fn idle() {
+    restart();
+    FILLED.store(NOBODY, Relaxed);
+}
+
+/// Builds the driver and starts it in silence; from here on blocks are due.
+pub fn restart() {
+    hardware::stop();
+    // SAFETY: DMA is off.
+    unsafe { *HALVES.0.get() = [[0; HALF]; 2] };
+    LAST.iter().for_each(|last| last.store(0, Relaxed));
+    TURN.store(0, Relaxed);
+    FILLED.store(0, Relaxed);
+    FAILED.store(false, Relaxed);
+    hardware::start(HALVES.0.get().cast(), 2 * HALF);
+}
+
+/// Waits until something is wanted.
+pub async fn wanted() -> Wanted {
+    core::future::poll_fn(|context| {
+        WAKER.register(context.waker());
+        if FAILED.load(Relaxed) {
+            Poll::Ready(Wanted::Restart)
+        } else if TURN.load(Relaxed) != FILLED.load(Relaxed) {
+            Poll::Ready(Wanted::Block)
+        } else {
+            Poll::Pending
+        }
+    })
+    .await
+}
+
+/// Hands in a block of 24-bit frames for the half that is free now.
+pub fn hand_in(block: &Block) {
+    // 64 words in about 3 µs: the half that is free stays so meanwhile.
+    cortex_m::interrupt::free(|_| {
+        let turn = TURN.load(Relaxed);
+        fill(turn, block);
+        FILLED.store(turn, Relaxed);
+    });
+}
+
+/// Fills the half that is free in `turn`. Call with interrupts masked.
+fn fill(turn: u32, block: &Block) {
+    let half = (turn.wrapping_sub(1) & 1) as usize;
+    // SAFETY: interrupts are masked, and DMA reads the other half.
+    let words = unsafe { &mut (*HALVES.0.get())[half] };
+    for (words, frame) in words.chunks_exact_mut(2).zip(block) {
+        words[0] = hardware::word(frame.left);
+        words[1] = hardware::word(frame.right);
+    }
+    let end = block[BLOCK - 1];
+    LAST[0].store(end.left, Relaxed);
+    LAST[1].store(end.right, Relaxed);
+}
+
+/// What went wrong so far.
+pub fn faults() -> Faults {
+    Faults {
+        late: LATE.load(Relaxed),
+        errors: ERRORS.load(Relaxed),
+    }
+}
+
+/// Silence at once, for good: before a restart of the chip.
+pub fn mute() {
+    // SAFETY: called with interrupts off; what DMA reads while it is written is at worst one old word.
+    unsafe { *HALVES.0.get() = [[0; HALF]; 2] };
+    crate::board::mute();
+}
+
+/// The DMA's interrupt.
+pub fn on_interrupt() {
+    let event = hardware::acknowledge();
+    if event.failed {
+        hardware::stop();
+        ERRORS.fetch_add(1, Relaxed);
+        FAILED.store(true, Relaxed);
+    } else if event.began.is_some() {
+        let turn = TURN.load(Relaxed);
+        // Half 1 begins to play in odd turns; an interrupt that was held up may have missed one.
+        let in_step = event.began == Some(turn & 1 == 0);
+        let filled = FILLED.load(Relaxed);
+        let now = turn.wrapping_add(if in_step { 1 } else { 2 });
+        if filled != NOBODY && (filled != turn || !in_step) {
+            LATE.fetch_add(1, Relaxed);
+            fade_out(now);
+        }
+        TURN.store(now, Relaxed);
+    }
+    WAKER.wake();
+}
+
+/// Puts a fade from the last frame heard to silence into the half that begins to play in `turn`.
+fn fade_out(turn: u32) {
+    let last = [LAST[0].load(Relaxed), LAST[1].load(Relaxed)];
+    let block: Block = core::array::from_fn(|i| {
+        let left = (BLOCK - 1 - i) as i32;
+        Frame {
+            left: last[0] / BLOCK as i32 * left,
+            right: last[1] / BLOCK as i32 * left,
+        }
+    });
+    // The other half than the one free in this turn.
+    fill(turn.wrapping_add(1), &block);
+}
+
+/// What the hardware had to say.
+struct Event {
+    /// The half that now plays has just begun; true: the second.
+    began: Option<bool>,
+    /// DMA or I2S reported an error.
+    failed: bool,
+}
