@@ -5,9 +5,12 @@ pub mod bench;
 pub mod births;
 pub mod board;
 pub mod bubble_events;
+pub mod flash;
 pub mod list;
 #[cfg(feature = "play")]
 pub mod play;
+#[cfg(feature = "flash")]
+pub mod probe;
 pub mod reference;
 pub mod render;
 pub mod scene_file;
