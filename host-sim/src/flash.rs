@@ -1,5 +1,5 @@
 //! `freshet flash`, all but the probe: the boards' chips and their flash, what of an ELF goes where, and the words when
-//! it cannot. The probe itself is in [`probe`](crate::probe), behind the feature `flash`.
+//! it cannot. The probe itself is in `probe`, behind the feature `flash`.
 
 use std::fmt::{self, Write as _};
 use std::fs;
@@ -27,7 +27,7 @@ pub struct Request {
     /// The board that is plugged in
     #[arg(long, value_parser = boards())]
     pub board: &'static Target,
-    /// The firmware [default: what `cargo build-<board>` leaves]
+    /// The firmware [default: what `cargo build-BOARD` leaves]
     #[arg(long, value_name = "FILE")]
     pub elf: Option<PathBuf>,
     /// Which debug probe, where there are several
@@ -455,19 +455,15 @@ pub fn choose(target: &Target, found: &[Found], wanted: Option<&Selector>) -> Re
             list(found)
         );
     }
-    if !found[first].is_open {
-        bail!(
-            "the debug probe {} may not be used by this user{}",
-            found[first].id,
-            if cfg!(target_os = "linux") {
-                format!(
-                    "; allow it and plug it in again:\n\n{}",
-                    udev_rule(found[first].id.vendor)
-                )
-            } else {
-                String::new()
-            }
-        );
+    let Found { id, is_open, .. } = &found[first];
+    if !is_open {
+        let rule = udev_rule(id.vendor);
+        let cure = if cfg!(target_os = "linux") {
+            format!("; allow it, and plug it in again:\n\n{rule}")
+        } else {
+            String::new()
+        };
+        bail!("the debug probe {id} may not be used by this user{cure}");
     }
     Ok(first)
 }
@@ -531,6 +527,21 @@ mod tests {
             for holds in [Holds::Firmware, Holds::Settings, Holds::Bank] {
                 assert!(target.flash.iter().any(|area| area.holds == holds));
             }
+        }
+    }
+
+    #[test]
+    fn the_guide_says_the_same() {
+        let guide = include_str!("../../docs/boards.md");
+        for target in &TARGETS {
+            assert!(guide.contains(&format!("| `{}`", target.board)));
+            for area in target.flash {
+                let start = format!("| {:#010X}", area.range.start);
+                assert!(guide.contains(&start), "{} {start}", target.board);
+            }
+        }
+        for line in udev_rule(0x0483).lines() {
+            assert!(guide.contains(line.trim()), "{line}");
         }
     }
 
