@@ -28,6 +28,8 @@ fn main() -> Result<(), Box<dyn Error>> {
     // Segments need no pages on a chip: the file holds what is flashed, and nothing between.
     println!("cargo::rustc-link-arg-bins=--nmagic");
     println!("cargo::rustc-link-arg-bins=-Tlink.x");
+    // By this symbol `freshet flash` knows whose firmware it is.
+    println!("cargo::rustc-link-arg-bins=--defsym=__freshet_board_{board}=0");
     if env::var("CARGO_FEATURE_RTT").is_ok() {
         println!("cargo::rustc-link-arg-bins=-Tdefmt.x");
     }

@@ -14,9 +14,13 @@ pub mod board;
 #[cfg(feature = "command")]
 pub mod bubble_events;
 #[cfg(feature = "command")]
+pub mod flash;
+#[cfg(feature = "command")]
 pub mod list;
 #[cfg(feature = "play")]
 pub mod play;
+#[cfg(feature = "flash")]
+pub mod probe;
 #[cfg(feature = "command")]
 pub mod reference;
 #[cfg(feature = "command")]

@@ -8,7 +8,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 use anyhow::{Context, Result};
 use clap::{Parser, Subcommand};
-use freshet_host::{bench, list, render};
+use freshet_host::{bench, flash, list, render};
 
 /// Water and fire from physics: render scenes, hear them, measure them.
 #[derive(Debug, Parser)]
@@ -43,6 +43,8 @@ enum Command {
         #[arg(long = "set", value_name = "PATH=VALUE")]
         set: Vec<String>,
     },
+    /// Put the firmware on a board and start it
+    Flash(flash::Request),
     /// Measure the speed of this machine against real time
     Bench(bench::Request),
 }
@@ -78,6 +80,7 @@ fn run(cli: Cli) -> Result<ExitCode> {
             say(&list::describe(path.as_deref(), scene.as_deref())?)
         }
         Command::Play { scene, seed, set } => play(&scene, seed, &set),
+        Command::Flash(request) => flash(&request),
         Command::Bench(request) => say(&bench::bench(&request)?),
     }
 }
@@ -120,5 +123,18 @@ fn play(_scene: &str, _seed: u64, _set: &[String]) -> Result<ExitCode> {
     anyhow::bail!(
         "this freshet was built without a sound card; build it with `cargo run --release -p freshet-host --features play -- play …` \
          (on Debian and Ubuntu that needs the package libasound2-dev), or use `freshet render`"
+    )
+}
+
+#[cfg(feature = "flash")]
+fn flash(request: &flash::Request) -> Result<ExitCode> {
+    say(&freshet_host::probe::flash(request)?)
+}
+
+#[cfg(not(feature = "flash"))]
+fn flash(request: &flash::Request) -> Result<ExitCode> {
+    anyhow::bail!(
+        "this freshet was built without debug probes; run `cargo run -p freshet-host --features flash -- flash --board {}`",
+        request.board.board
     )
 }

@@ -1,5 +1,8 @@
 //! The command as a person or a script meets it: exit status, messages, and the files that it leaves.
 
+#[cfg(feature = "flash")]
+mod elf;
+
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
 use std::fs;
@@ -1207,6 +1210,67 @@ fn play_says_how_to_build_it_where_it_was_left_out() {
     let folder = Folder::new();
     let words = ["without a sound card", "--features play"];
     folder.refuses("play brook", &words);
+}
+
+// Flashing. No test asks for a probe that may be there: it would flash somebody's board.
+
+#[test]
+fn flash_takes_the_boards_and_a_probe_by_its_usb_ids() {
+    let folder = Folder::new();
+    folder.refuses("flash", &["--board"]);
+    let boards = ["f407", "f411", "h743"];
+    folder.refuses("flash --board desk", &boards);
+    folder.refuses("flash --board f407 --probe mine", &["0483:374b"]);
+}
+
+#[cfg(not(feature = "flash"))]
+#[test]
+fn flash_says_how_to_build_it_where_it_was_left_out() {
+    let folder = Folder::new();
+    let words = [
+        "without debug probes",
+        "--features flash -- flash --board h743",
+    ];
+    folder.refuses("flash --board h743", &words);
+}
+
+#[cfg(feature = "flash")]
+#[test]
+fn flash_reads_the_firmware_before_it_looks_for_a_probe() {
+    let folder = Folder::new();
+    for (board, field) in [("f407", ""), ("f411", " --features field"), ("h743", "")] {
+        let flag = if field.is_empty() { "" } else { "--field" };
+        folder.refuses(
+            &format!("flash --board {board} {flag}"),
+            &[
+                &format!("no target/thumbv7em-none-eabihf/firmware/freshet-{board}"),
+                &format!("`cargo build-{board}{field}`"),
+            ],
+        );
+    }
+    folder.write("a.hex", ":00000001FF");
+    folder.write("h743", elf::Elf::firmware("h743").bytes());
+    let mut x86 = elf::Elf::firmware("f407");
+    x86.machine = 62;
+    folder.write("x86", x86.bytes());
+    for (file, word) in [
+        ("nothing", "there is no nothing"),
+        (".", "expected a file"),
+        ("a.hex", "a.hex: not an ELF file"),
+        ("x86", "x86: an ELF file for x86-64"),
+        ("h743", "h743: firmware for board h743, expected board f407"),
+    ] {
+        folder.refuses(&format!("flash --board f407 --elf {file}"), &[word]);
+    }
+}
+
+#[cfg(feature = "flash")]
+#[test]
+fn flash_without_its_probe_says_what_to_do() {
+    let folder = Folder::new();
+    folder.write("f407", elf::Elf::firmware("f407").bytes());
+    let line = "flash --board f407 --elf f407 --probe ffff:ffff:none";
+    folder.refuses(line, &["no debug probe ffff:ffff:none"]);
 }
 
 #[test]
