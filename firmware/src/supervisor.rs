@@ -4,15 +4,14 @@ use core::sync::atomic::{AtomicBool, AtomicU32, Ordering::Relaxed};
 
 use embassy_stm32::Peri;
 use embassy_stm32::pac;
-use embassy_stm32::peripherals::IWDG;
 use embassy_stm32::wdg::IndependentWatchdog;
 use embassy_time::Timer;
 
-use crate::board::Lights;
+use crate::board::{Lights, Watchdog};
 use crate::{audio, i2s, log, stack};
 
 /// Without a check-in of every client for so long the chip is reset, µs.
-const WATCHDOG: u32 = 250_000;
+const PATIENCE: u32 = 250_000;
 /// Time between two looks, ms.
 const LOOK: u64 = 50;
 /// Looks between two reports in the log: ten seconds.
@@ -131,8 +130,8 @@ pub fn enable_brown_out_reset() {
 }
 
 /// Watches for ever.
-pub async fn run(mut lights: Lights, watchdog: Peri<'static, IWDG>) -> ! {
-    let mut watchdog = IndependentWatchdog::new(watchdog, WATCHDOG);
+pub async fn run(mut lights: Lights, watchdog: Peri<'static, Watchdog>) -> ! {
+    let mut watchdog = IndependentWatchdog::new(watchdog, PATIENCE);
     watchdog.unleash();
     let mut seen = (i2s::faults(), 0);
     let mut looks = 0u32;

@@ -18,6 +18,8 @@ use crate::{audio, i2s, log};
 
 /// The board's name.
 pub const NAME: &str = "STM32F407G-DISC1";
+/// Its independent watchdog.
+pub type Watchdog = embassy_stm32::peripherals::IWDG;
 /// What it can hold.
 pub type Capacity = freshet::profile::F407;
 

@@ -13,7 +13,6 @@ use embassy_executor::SendSpawner;
 use embassy_stm32::Peri;
 use embassy_stm32::gpio::{Input, Output};
 use embassy_stm32::interrupt::{InterruptExt, Priority};
-use embassy_stm32::peripherals::IWDG;
 
 /// The DMA's interrupt goes above the audio task's, and that above all else.
 pub const DMA_PRIORITY: Priority = Priority::P5;
@@ -26,7 +25,7 @@ pub struct Board {
     /// The button that steps through the scenes.
     pub button: Button,
     /// The watchdog, not started.
-    pub watchdog: Peri<'static, IWDG>,
+    pub watchdog: Peri<'static, Watchdog>,
     /// Something did not start as it should: the crystal, or the codec.
     pub trouble: bool,
 }

@@ -68,8 +68,7 @@ pub fn acknowledge() -> Event {
     let began = (flags.htif(at) || flags.tcif(at)).then(|| {
         clear();
         // More than half to go: the first half plays.
-        let left = u32::from(DMA.st(STREAM).ndtr().read().ndt());
-        left <= 2 * super::HALF as u32
+        usize::from(DMA.st(STREAM).ndtr().read().ndt()) <= 2 * super::HALF
     });
     Event { began, failed }
 }

@@ -64,6 +64,10 @@ pub struct Faults {
 }
 
 /// Starts the clocks and plays silence, for a codec that wants its clocks first.
+#[cfg_attr(
+    not(feature = "f407"),
+    expect(dead_code, reason = "its board has such a codec")
+)]
 pub fn idle() {
     restart();
     FILLED.store(NOBODY, Relaxed);
