@@ -46,35 +46,56 @@ pub fn missed() -> u32 {
 /// Plays for ever.
 #[embassy_executor::task]
 pub async fn run(synth: &'static mut Synth<Capacity>) {
-    let mut block: Block = [Frame::ZERO; BLOCK];
-    let mut blocks = 0;
-    let mut fade = 0;
-    let mut late = 0;
+    let mut player = Player {
+        synth,
+        blocks: 0,
+        fade: 0,
+        late: 0,
+    };
     i2s::restart();
     loop {
-        if i2s::wanted().await == Wanted::Restart {
-            i2s::restart();
-            fade = FADE;
-            continue;
+        match i2s::wanted().await {
+            Wanted::Block => METER.measure(|| player.play()),
+            Wanted::Restart => {
+                i2s::restart();
+                player.fade = FADE;
+            }
         }
-        METER.measure(|| {
-            if blocks == 0 {
-                take_tick(synth);
-            }
-            blocks = (blocks + 1) % BLOCKS_PER_TICK;
-            synth.render(&mut block, &mut ());
-            let now = i2s::faults().late;
-            if now != late {
-                late = now;
-                fade = FADE;
-            }
-            if fade > 0 {
-                fade = fade_in(&mut block, fade);
-            }
-            i2s::hand_in(&block);
-        });
-        CLIPPED.store(synth.stats().clipped as u32, Relaxed);
         supervisor::check_in(Client::Audio);
+    }
+}
+
+/// What the audio task keeps from block to block.
+struct Player {
+    synth: &'static mut Synth<Capacity>,
+    /// Blocks of this tick.
+    blocks: usize,
+    /// Frames left of the fade after a fault.
+    fade: u32,
+    /// Late blocks seen so far.
+    late: u32,
+}
+
+impl Player {
+    /// One block. A function of its own, so that it can be found and measured.
+    #[inline(never)]
+    fn play(&mut self) {
+        if self.blocks == 0 {
+            take_tick(self.synth);
+        }
+        self.blocks = (self.blocks + 1) % BLOCKS_PER_TICK;
+        let mut block: Block = [Frame::ZERO; BLOCK];
+        self.synth.render(&mut block, &mut ());
+        let late = i2s::faults().late;
+        if late != self.late {
+            self.late = late;
+            self.fade = FADE;
+        }
+        if self.fade > 0 {
+            self.fade = fade_in(&mut block, self.fade);
+        }
+        i2s::hand_in(&block);
+        CLIPPED.store(self.synth.stats().clipped as u32, Relaxed);
     }
 }
 
