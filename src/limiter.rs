@@ -2,12 +2,29 @@
 //! peak passes full scale; it comes back quickly after a lone drip and slowly out of a sustained roar.
 
 use crate::fixed::to_fixed;
-use crate::frame::{Block, Frame};
+use crate::frame::{BLOCK, Block, Frame};
 use crate::mix::CEILING;
 use crate::stats::Stats;
 
 /// Look-ahead, and so the delay of the mix, frames (1.3 ms at 48 kHz).
 pub const LOOK_AHEAD: usize = 64;
+
+/// The same in blocks.
+const BLOCKS: usize = LOOK_AHEAD / BLOCK;
+
+/// Whether no sample of a block passes the ceiling.
+#[inline(always)]
+fn is_calm(block: &Block) -> bool {
+    // All sizes or-ed are at least the largest and below its double: two instructions a sample settle most blocks.
+    let size = |x: i32| (x ^ (x >> 31)) as u32;
+    let all = block
+        .iter()
+        .fold(0, |all, frame| all | size(frame.left) | size(frame.right));
+    all < CEILING as u32
+        || block.iter().all(|frame| {
+            frame.left.unsigned_abs().max(frame.right.unsigned_abs()) <= CEILING as u32
+        })
+}
 
 /// Unity gain, Q30.
 const ONE: i32 = 1 << 30;
@@ -20,8 +37,11 @@ const RELEASE_SLOW: f64 = 0.400;
 /// The limiter's state. Gains are Q30.
 #[derive(Clone, Debug)]
 pub struct Limiter {
-    delay: [Frame; LOOK_AHEAD],
+    /// Blocks on their way, the oldest first from `at`.
+    delay: [Block; BLOCKS],
     at: usize,
+    /// Blocks in a row that had no peak, of those in the delay and before.
+    calm: usize,
     gain: i32,
     /// Fall a frame that brings the gain down in time.
     fall: i32,
@@ -41,8 +61,9 @@ impl Limiter {
     pub fn new(sample_rate: f64) -> Self {
         let pole = |seconds: f64| to_fixed(-libm::expm1(-1.0 / (seconds * sample_rate)), 31);
         Self {
-            delay: [Frame::ZERO; LOOK_AHEAD],
+            delay: [[Frame::ZERO; BLOCK]; BLOCKS],
             at: 0,
+            calm: BLOCKS,
             gain: ONE,
             fall: 0,
             wanted: [ONE; 2],
@@ -55,13 +76,24 @@ impl Limiter {
 
     /// Delays a block by [`LOOK_AHEAD`] and holds it below the ceiling. With `on` false it only clips.
     pub fn render(&mut self, block: &mut Block, on: bool, stats: &mut Stats) {
-        for frame in block.iter_mut() {
-            let peak = frame.left.unsigned_abs().max(frame.right.unsigned_abs());
+        let calm = is_calm(block);
+        self.calm = if calm {
+            (self.calm + 1).min(BLOCKS + 1)
+        } else {
+            0
+        };
+        core::mem::swap(block, &mut self.delay[self.at]);
+        self.at = (self.at + 1) % BLOCKS;
+        // The block that came in, those in the delay and the one that goes out.
+        if self.calm > BLOCKS && self.is_open() {
+            return;
+        }
+        let incoming = self.delay[(self.at + BLOCKS - 1) % BLOCKS];
+        for (frame, coming) in block.iter_mut().zip(&incoming) {
+            let peak = coming.left.unsigned_abs().max(coming.right.unsigned_abs());
             if on && peak > CEILING as u32 {
                 self.expect(peak);
             }
-            *frame = core::mem::replace(&mut self.delay[self.at], *frame);
-            self.at = (self.at + 1) % LOOK_AHEAD;
             if !self.is_open() {
                 self.step();
                 frame.left = scale(frame.left, self.gain);
@@ -82,7 +114,8 @@ impl Limiter {
         }
     }
 
-    fn is_open(&self) -> bool {
+    /// Whether it lets everything through as it is.
+    pub fn is_open(&self) -> bool {
         self.gain == ONE && self.wanted == [ONE; 2] && self.mean == ONE_WIDE
     }
 

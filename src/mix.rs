@@ -1,8 +1,8 @@
 //! From the bus in pascal to the converter: level, DC blocker, tone, limiter, dither.
 
-use crate::fixed::{FULL_SCALE, to_fixed};
+use crate::fixed::{FULL_SCALE, mul_high, to_fixed};
 use crate::frame::{BLOCK, Block, Frame, TICK};
-use crate::limiter::Limiter;
+use crate::limiter::{LOOK_AHEAD, Limiter};
 use crate::random::{Random, Stream};
 use crate::stats::Stats;
 
@@ -35,6 +35,8 @@ pub const TONE_CORNER: f64 = 1000.0;
 const DC_CORNER: f64 = 1.9;
 /// Frames of exact silence after which the dither stops too.
 const DITHER_TAIL: u32 = 1024;
+/// After so many blocks of zeros the limiter's delay holds nothing else.
+const REST: usize = LOOK_AHEAD / BLOCK + 1;
 /// Gains are Q24: up to +42 dB.
 const UNITY: i32 = 1 << 24;
 
@@ -95,6 +97,11 @@ impl Glide {
         self.step = ((i64::from(target) << 16) - self.now) / TICK as i64;
     }
 
+    /// The gain of a whole block, where it does not move.
+    fn steady(&self) -> Option<i32> {
+        (self.left == 0).then_some((self.now >> 16) as i32)
+    }
+
     #[inline(always)]
     fn next(&mut self) -> i32 {
         if self.left > 0 {
@@ -111,18 +118,24 @@ impl Glide {
 /// One ear's filters.
 #[derive(Clone, Copy, Debug, Default)]
 struct Ear {
-    /// Running mean, with [`Corners::dc`] further bits.
+    /// Running mean, Q32.32.
     dc: i64,
     /// The tone's low-pass, Q32.32.
     low: i64,
 }
 
 impl Ear {
+    /// Takes the running mean away.
     #[inline(always)]
-    fn filter(&mut self, x: i32, corners: &Corners, low: i32, high: i32) -> i32 {
-        let mean = self.dc >> corners.dc;
-        let x = i64::from(saturate(i64::from(x) - mean));
-        self.dc += x;
+    fn block_dc(&mut self, x: i32, corners: &Corners) -> i32 {
+        let x = x.saturating_sub((self.dc >> 32) as i32);
+        self.dc += i64::from(x) * i64::from(corners.dc);
+        x
+    }
+
+    #[inline(always)]
+    fn tilt(&mut self, x: i32, corners: &Corners, low: i32, high: i32) -> i32 {
+        let x = i64::from(x);
         // One pole by the trapezoidal rule: nothing is left of it at the top of the band.
         let above = saturate(x - (self.low >> 32));
         let step = i64::from(above) * i64::from(corners.tone);
@@ -135,8 +148,8 @@ impl Ear {
 /// Where the filters turn; they depend on the sample rate alone.
 #[derive(Clone, Copy, Debug)]
 struct Corners {
-    /// The DC blocker's time constant is 2 to this power in samples.
-    dc: u32,
+    /// Part of a sample that goes into the DC blocker's mean, Q32.
+    dc: i32,
     /// g/(1 + g) with g = tan(π·corner/rate), Q31.
     tone: i32,
 }
@@ -146,7 +159,7 @@ impl Corners {
         let pi = core::f64::consts::PI;
         let g = libm::tan(pi * TONE_CORNER / sample_rate);
         Self {
-            dc: libm::round(libm::log2(sample_rate / (2.0 * pi * DC_CORNER))) as u32,
+            dc: 1 << (32 - libm::round(libm::log2(sample_rate / (2.0 * pi * DC_CORNER))) as u32),
             tone: to_fixed(g / (1.0 + g), 31),
         }
     }
@@ -157,12 +170,33 @@ fn saturate(x: i64) -> i32 {
     x.clamp(i64::from(i32::MIN), i64::from(i32::MAX)) as i32
 }
 
+/// `x` times a gain in Q24, rounded.
 #[inline(always)]
 fn amplify(x: i32, gain: i32) -> i32 {
-    if gain == UNITY {
-        return x;
-    }
     saturate((i64::from(x) * i64::from(gain) + (1 << 23)) >> 24)
+}
+
+/// The same for a whole block of one gain; the gains that are near one or below a half take one multiplication.
+fn amplify_block(block: &mut Block, gain: i32) {
+    let each = |block: &mut Block, f: &dyn Fn(i32) -> i32| {
+        for frame in block.iter_mut() {
+            *frame = Frame {
+                left: f(frame.left),
+                right: f(frame.right),
+            };
+        }
+    };
+    let over = i64::from(gain) - i64::from(UNITY);
+    if over == 0 {
+    } else if gain < UNITY / 2 {
+        let gain = gain << 8;
+        each(block, &|x| mul_high(x, gain));
+    } else if over <= 0 {
+        let over = (over << 8) as i32;
+        each(block, &|x| x + mul_high(x, over));
+    } else {
+        each(block, &|x| amplify(x, gain));
+    }
 }
 
 /// The mix's state.
@@ -177,6 +211,8 @@ pub struct Mix {
     ears: [Ear; 2],
     limiter: Limiter,
     random: Random,
+    /// Blocks of zeros that came in lately, up to [`REST`].
+    zeros: usize,
     /// Frames since the last sample that was not zero.
     silence: u32,
 }
@@ -194,6 +230,7 @@ impl Mix {
             ears: [Ear::default(); 2],
             limiter: Limiter::new(sample_rate),
             random: Random::new(seed, Stream::Dither),
+            zeros: REST,
             silence: DITHER_TAIL,
         }
     }
@@ -208,27 +245,59 @@ impl Mix {
 
     /// Turns a block of the bus into a block of output.
     pub fn render(&mut self, block: &mut Block, stats: &mut Stats) {
-        for frame in block.iter_mut() {
-            let level = self.level.next();
-            frame.left = amplify(frame.left, level);
-            frame.right = amplify(frame.right, level);
+        let flat = self.low.steady() == Some(UNITY) && self.high.steady() == Some(UNITY);
+        if flat && self.level.left == 0 && self.stays_silent(block) {
+            return;
+        }
+        match self.level.steady() {
+            Some(gain) => amplify_block(block, gain),
+            None => {
+                for frame in block.iter_mut() {
+                    let level = self.level.next();
+                    frame.left = amplify(frame.left, level);
+                    frame.right = amplify(frame.right, level);
+                }
+            }
         }
         if self.output == Output::Raw {
             return;
         }
+        let [left, right] = &mut self.ears;
         for frame in block.iter_mut() {
-            let (low, high) = (self.low.next(), self.high.next());
-            let [left, right] = &mut self.ears;
-            frame.left = left.filter(frame.left, &self.corners, low, high);
-            frame.right = right.filter(frame.right, &self.corners, low, high);
+            frame.left = left.block_dc(frame.left, &self.corners);
+            frame.right = right.block_dc(frame.right, &self.corners);
+        }
+        if flat {
+            // As if it had followed: it is there within a millisecond, and the tone moves more slowly.
+            let last = block[BLOCK - 1];
+            left.low = i64::from(last.left) << 32;
+            right.low = i64::from(last.right) << 32;
+        } else {
+            for frame in block.iter_mut() {
+                let (low, high) = (self.low.next(), self.high.next());
+                frame.left = left.tilt(frame.left, &self.corners, low, high);
+                frame.right = right.tilt(frame.right, &self.corners, low, high);
+            }
         }
         self.limiter.render(block, self.limiting, stats);
         self.dither(block);
     }
 
+    /// Whether zeros come in and, nothing being left of what came before, go out.
+    fn stays_silent(&mut self, block: &Block) -> bool {
+        let zeros = block.iter().all(|frame| *frame == Frame::ZERO);
+        self.zeros = if zeros { (self.zeros + 1).min(REST) } else { 0 };
+        self.zeros == REST
+            && self.silence == DITHER_TAIL
+            && self.limiter.is_open()
+            && self.ears.iter().all(|ear| ear.dc >> 32 == 0)
+    }
+
     fn dither(&mut self, block: &mut [Frame; BLOCK]) {
         let shift = self.output.shift();
-        let top = (FULL_SCALE >> shift) - 1;
+        let half = 1 << (shift - 1);
+        // In a register.
+        let mut random = self.random.clone();
         for frame in block {
             if *frame == Frame::ZERO {
                 self.silence = (self.silence + 1).min(DITHER_TAIL);
@@ -240,12 +309,14 @@ impl Mix {
             }
             for x in [&mut frame.left, &mut frame.right] {
                 // Triangular, ±1 of the last bit: the difference of two uniform numbers.
-                let bits = self.random.bits();
+                let bits = random.bits();
                 let noise =
                     (bits >> (32 - shift)) as i32 - ((bits & 0xffff) >> (16 - shift)) as i32;
-                *x = ((*x + noise + (1 << (shift - 1))) >> shift).clamp(-top - 1, top);
+                // The limiter's ceiling leaves room for the noise.
+                *x = (*x + noise + half) >> shift;
             }
         }
+        self.random = random;
     }
 }
 
