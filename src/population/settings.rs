@@ -1,28 +1,32 @@
-//! From the water's parameters to what its audio path runs on.
+//! From the water's parameters to what its audio path runs on. Nothing here is pitch or decay, so f32 is enough; a
+//! microcontroller does this at every tick while a wave passes.
 
-use super::{CLASS_MAX_PA, CLASSES, CROSSOVER, CROWD, Crowd, Flow, RETIRED_DECAY, pan};
-use crate::fixed::{to_fixed, to_fixed_u64};
+use core::f32::consts::LOG2_E;
+
+use super::tuner::{Impulse, Radii};
+use super::{CLASS_MAX_PA, CLASSES, CROSSOVER, CROWD, Crowd, Flow, pan};
+use crate::fixed::{neg_log2, reciprocal};
 use crate::frame::BLOCK;
 use crate::random::Random;
-use crate::resonator::{Complex, Form, STRIKES_MAX, Tuning};
-use crate::voices::Pitch;
+use crate::resonator::STRIKES_MAX;
 
-/// What the audio path needs of the water's parameters.
+const Q26: f32 = (1u64 << 26) as f32;
+const Q27: f32 = (1u64 << 27) as f32;
+const Q28: f32 = (1u64 << 28) as f32;
+const Q32: f32 = (1u64 << 32) as f32;
+const Q42: f32 = (1u64 << 42) as f32;
+
+/// What the audio path needs of the water's parameters. `C` is where crowds live: an array as large as a board's rate
+/// asks for; everything works on it as a slice.
 #[derive(Clone, Debug)]
-pub struct Settings {
+pub struct Settings<C: ?Sized = [Crowd]> {
     /// Classes in use.
-    pub classes: usize,
-    /// Grows with each change of radii, and so of `tuning`.
-    pub generation: u32,
-    /// The resonators.
-    pub tuning: [Tuning; CLASSES],
-    /// The same when retired: ringing out faster.
-    pub retired: [Tuning; CLASSES],
-    /// The pitch of a class's rising bubbles.
-    pub pitch: [Pitch; CLASSES],
+    pub(super) classes: usize,
     /// How each class is struck.
-    pub flow: [Flow; CLASSES],
+    pub(super) flow: [Flow; CLASSES],
     pub(super) law: Law,
+    pub(super) ears: Ears,
+    pub(super) crowds: C,
 }
 
 /// What every birth is drawn by.
@@ -38,247 +42,281 @@ pub(super) struct Law {
     pub(super) width: i32,
 }
 
+/// How a crowd is spread over both ears: mean gain of an ear, and the Cholesky factor of the covariance between ears,
+/// Q30.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Ears {
+    pub(super) mean: i32,
+    pub(super) factor: [i32; 3],
+}
+
 /// The parameters of the water that are not its radii; see the parameter table for units.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Drive {
     /// Births a second.
-    pub rate: f64,
+    pub rate: f32,
+    /// Exponent of the fall of births with radius.
+    pub gamma: f32,
+    /// Each class's births beside that, any scale.
+    pub weight: [f32; CLASSES],
     /// Exponent of the pressure's growth with radius.
-    pub alpha: f64,
+    pub alpha: f32,
     /// Exponent of the depth factor.
-    pub beta: f64,
+    pub beta: f32,
     /// Largest depth factor.
-    pub depth: f64,
+    pub depth: f32,
     /// Bubbles whose depth factor is above this rise.
-    pub rise_cutoff: f64,
-    /// Rise factor ξ; 0: nothing rises.
-    pub rise_factor: f64,
+    pub rise_cutoff: f32,
+    /// Whether any bubble rises.
+    pub rises: bool,
     /// Pressure at 1 m of a bubble of 1 mm and depth factor 1, Pa.
-    pub pressure: f64,
+    pub pressure: f32,
     /// From 0 to 1.
-    pub width: f64,
+    pub width: f32,
 }
 
-impl Settings {
+impl<const N: usize> Settings<[Crowd; N]> {
     /// No water at all.
-    pub fn new() -> Self {
+    pub const fn new() -> Self {
         Self {
             classes: 0,
-            generation: 0,
-            tuning: [Tuning::SILENT; CLASSES],
-            retired: [Tuning::SILENT; CLASSES],
-            pitch: [Pitch::SILENT; CLASSES],
-            flow: [Flow::default(); CLASSES],
-            law: Law {
-                exponent: 0,
-                rise_below: 0,
-                crowd_below: 0,
-                width: 256,
-            },
-        }
-    }
-
-    /// Retunes to `classes` radii from `min` to `max` metres, evenly spaced by ratio. `sample_rate` in Hz.
-    pub fn tune(&mut self, min: f64, max: f64, classes: usize, rise_factor: f32, sample_rate: f64) {
-        self.classes = classes.clamp(1, CLASSES);
-        self.generation = self.generation.wrapping_add(1);
-        let intervals = (self.classes - 1).max(1) as f64;
-        let ratio = libm::exp(libm::log(max / min) / intervals);
-        let mut radius = min;
-        for k in 0..self.classes {
-            self.tuning[k] = Tuning::new(radius as f32, sample_rate);
-            self.retired[k] = self.tuning[k].hurried(RETIRED_DECAY / sample_rate);
-            self.pitch[k] = Pitch::new(radius as f32, rise_factor, sample_rate);
-            radius *= ratio;
-        }
-    }
-
-    /// Whether a class's births are gathered before its resonator runs.
-    pub(super) fn is_dense(&self, k: usize) -> bool {
-        let flow = &self.flow[k];
-        flow.crowd.is_some() || flow.per_block >= CROSSOVER
-    }
-
-    /// Gives every class's rising bubbles another rise factor.
-    pub fn set_rise(&mut self, rise_factor: f32, sample_rate: f64) {
-        for k in 0..self.classes {
-            self.pitch[k] = Pitch::new(self.tuning[k].radius, rise_factor, sample_rate);
-        }
-    }
-
-    /// Spreads the births over the classes by `weight` (any scale) and sets their strength.
-    pub fn drive(&mut self, drive: &Drive, weight: &[f64], sample_rate: f64) {
-        let total: f64 = weight[..self.classes].iter().sum();
-        let rises = drive.rise_factor > 0.0;
-        // D > cutoff where rnd > (cutoff / depth)^(1/β).
-        let ratio = if drive.depth > 0.0 {
-            drive.rise_cutoff / drive.depth
-        } else {
-            1.0
-        };
-        let still = if !rises || ratio >= 1.0 {
-            1.0
-        } else if drive.beta == 0.0 || ratio <= 0.0 {
-            0.0
-        } else {
-            libm::pow(ratio, 1.0 / drive.beta)
-        };
-        self.law.exponent = to_fixed(drive.beta, 26) as u32;
-        self.law.rise_below = if still >= 1.0 {
-            0
-        } else if ratio <= 0.0 {
-            u32::MAX
-        } else {
-            // D = depth·2^-x: compare x alone. At β = 0 every x is 0.
-            to_fixed(-libm::log2(ratio), 20) as u32
-        };
-        self.law.crowd_below = libm::round(still * 4_294_967_295.0) as u32;
-        self.law.width = libm::round(drive.width * 256.0) as i32;
-        let scale = if total > 0.0 {
-            drive.rate * BLOCK as f64 / (sample_rate * total)
-        } else {
-            0.0
-        };
-        for (k, flow) in self.flow.iter_mut().enumerate() {
-            if k >= self.classes {
-                *flow = Flow::default();
-                continue;
-            }
-            let tuning = &self.tuning[k];
-            let births = weight[k] * scale;
-            let pressure = drive.pressure * libm::pow(f64::from(tuning.radius) * 1e3, drive.alpha);
-            let pressure = (drive.depth * pressure).min(CLASS_MAX_PA);
-            let still_births = births * still;
-            if still_births > CROWD * BLOCK as f64 {
-                *flow = Flow::new(births - still_births, pressure, tuning);
-                let sound = [pressure, drive.beta, drive.width];
-                flow.crowd = Some(Crowd::new(still_births, sound, still, tuning, sample_rate));
-            } else {
-                *flow = Flow::new(births, pressure, tuning);
-            }
+            flow: [Flow::NONE; CLASSES],
+            law: Law::NONE,
+            ears: Ears::MONO,
+            crowds: [Crowd::NONE; N],
         }
     }
 }
 
-impl Default for Settings {
+impl<const N: usize> Default for Settings<[Crowd; N]> {
     fn default() -> Self {
         Self::new()
     }
 }
 
+impl Settings {
+    /// The crowd of a class, where it is one.
+    #[inline(always)]
+    pub(super) fn crowd(&self, k: usize) -> Option<&Crowd> {
+        self.crowds.get(usize::from(self.flow[k].crowd))
+    }
+
+    /// Whether a class's births are gathered before its resonator runs.
+    #[inline(always)]
+    pub(super) fn is_dense(&self, k: usize) -> bool {
+        let flow = &self.flow[k];
+        flow.is_crowd() || flow.per_block >= CROSSOVER
+    }
+
+    /// Strikes classes of `radii`, for whose bubbles `impulses` stand, as `drive` says. `sample_rate` in Hz.
+    pub fn drive(
+        &mut self,
+        drive: &Drive,
+        radii: &Radii,
+        impulses: &[Impulse; CLASSES],
+        sample_rate: f32,
+    ) {
+        self.classes = radii.classes;
+        // Powers of evenly spaced radii are geometric series.
+        let (mut falling, fall) = radii.power(-drive.gamma);
+        let mut weight = [0.0; CLASSES];
+        let mut total = 0.0;
+        for (weight, own) in weight[..radii.classes].iter_mut().zip(&drive.weight) {
+            *weight = own * falling;
+            total += *weight;
+            falling *= fall;
+        }
+        let scale = if total > 0.0 {
+            drive.rate * BLOCK as f32 / (sample_rate * total)
+        } else {
+            0.0
+        };
+        let risen = drive.risen();
+        let width = libm::roundf(drive.width * 256.0) as i32;
+        if width != self.law.width {
+            self.ears = Ears::new(width);
+        }
+        self.law = Law::new(drive, risen, width);
+        let still = Still::new(drive.beta, risen);
+        let (mut growing, growth) = radii.power(drive.alpha);
+        growing *= drive.depth * drive.pressure;
+        let mut crowds = 0;
+        for (k, flow) in self.flow.iter_mut().enumerate() {
+            if k >= radii.classes {
+                *flow = Flow::NONE;
+                continue;
+            }
+            let births = weight[k] * scale;
+            let pressure = growing.min(CLASS_MAX_PA);
+            growing *= growth;
+            let crowd = births * (1.0 - risen);
+            if crowd > CROWD * BLOCK as f32 && crowds < self.crowds.len() {
+                *flow = Flow::new(births * risen, pressure, &impulses[k]);
+                flow.crowd = crowds as u8;
+                self.crowds[crowds] = Crowd::new(crowd, pressure, &still, &impulses[k]);
+                crowds += 1;
+            } else {
+                *flow = Flow::new(births, pressure, &impulses[k]);
+            }
+        }
+    }
+}
+
+impl Drive {
+    /// No births.
+    pub const NONE: Self = Self {
+        rate: 0.0,
+        gamma: 0.0,
+        weight: [0.0; CLASSES],
+        alpha: 0.0,
+        beta: 0.0,
+        depth: 0.0,
+        rise_cutoff: 0.0,
+        rises: false,
+        pressure: 0.0,
+        width: 0.0,
+    };
+
+    /// `rise_cutoff / depth`: a bubble of depth factor `depth·x` rises where x is above this.
+    fn cutoff(&self) -> f32 {
+        if self.depth > 0.0 {
+            self.rise_cutoff / self.depth
+        } else {
+            1.0
+        }
+    }
+
+    /// Which part of all bubbles rises: where rnd > cutoff^(1/β). Reckoned from the top, where f32 is coarse.
+    fn risen(&self) -> f32 {
+        let cutoff = self.cutoff();
+        if !self.rises || cutoff >= 1.0 {
+            0.0
+        } else if self.beta == 0.0 || cutoff <= 0.0 {
+            1.0
+        } else {
+            -libm::expm1f(libm::logf(cutoff) / self.beta)
+        }
+    }
+}
+
+impl Law {
+    const NONE: Self = Self {
+        exponent: 0,
+        rise_below: 0,
+        crowd_below: 0,
+        width: 0,
+    };
+
+    fn new(drive: &Drive, risen: f32, width: i32) -> Self {
+        let cutoff = drive.cutoff();
+        Self {
+            exponent: (drive.beta * Q26) as u32,
+            rise_below: if risen <= 0.0 {
+                0
+            } else if cutoff <= 0.0 {
+                u32::MAX
+            } else {
+                // D = depth·2^-x: compare x alone. At β = 0 every x is 0.
+                (-libm::log2f(cutoff) * (1u32 << 20) as f32 + 0.5) as u32
+            },
+            crowd_below: u32::MAX - (risen * Q32) as u32,
+            width,
+        }
+    }
+}
+
+impl Ears {
+    /// Both hear the same: what width 0 is.
+    const MONO: Self = Self {
+        mean: 1 << 30,
+        factor: [1 << 30, 1 << 30, 0],
+    };
+
+    /// Pan is uniform over the width: sums over the audio path's own table.
+    fn new(width: i32) -> Self {
+        const ONE: f32 = (1u64 << 30) as f32;
+        let (mut mean, mut own, mut shared) = (0, 0, 0);
+        for draw in 0..256 {
+            let [left, right] = pan(draw, width).map(|gain| i64::from(gain >> 4));
+            mean += left;
+            own += left * left;
+            shared += left * right;
+        }
+        // Q26 and Q52, 256 of them.
+        let mean = mean as f32 / (1u64 << 34) as f32;
+        let [own, shared] = [own, shared].map(|sum| sum as f32 / (1u64 << 60) as f32);
+        let e0 = libm::sqrtf(own);
+        let e1 = shared / e0;
+        let e2 = libm::sqrtf((own - e1 * e1).max(0.0));
+        Self {
+            mean: (mean * ONE) as i32,
+            factor: [e0, e1, e2].map(|e| (e * ONE) as i32),
+        }
+    }
+}
+
 impl Flow {
-    fn new(births: f64, pressure: f64, tuning: &Tuning) -> Self {
-        let per_block = to_fixed_u64(births * core::f64::consts::LOG2_E, 32);
+    /// `births` in a block, of `pressure` Pa.
+    fn new(births: f32, pressure: f32, impulse: &Impulse) -> Self {
+        let per_block = (births * LOG2_E * Q32 + 0.5) as u64;
         let shift = per_block.leading_zeros().min(63);
         let top = (per_block << shift >> 32) as u32;
         // Top is at least 2^31, or births are none.
-        let inverse = if top == 0 {
-            0
-        } else {
-            (i64::MAX as u64 / u64::from(top)) as u32
-        };
-        let grown = pressure * libm::exp2(f64::from(tuning.decay_over(1 << 27)) / 1_048_576.0);
+        let inverse = if top == 0 { 0 } else { reciprocal(top) };
+        let grown = (pressure * impulse.growth * Q27) as u32;
         Self {
             per_block,
             inverse,
-            shift,
-            pressure: to_fixed_u64(grown, 27) as u32,
-            inaudible: to_fixed_u64(libm::log2(grown).max(-28.0) + 28.0, 20) as u32,
-            voice_pressure: to_fixed_u64(pressure, 28) as u32,
-            crowd: None,
+            shift: shift as u8,
+            crowd: Self::ALONE,
+            pressure: grown,
+            // Down to half a unit: one power of two further than to one unit.
+            inaudible: if grown == 0 {
+                0
+            } else {
+                (33 << 20) - (neg_log2(grown) >> 6)
+            },
+            voice_pressure: (pressure * Q28) as u32,
+        }
+    }
+}
+
+/// The still bubbles of a crowd: moments of D over the random numbers below `1 - risen`, per still birth; depth is in
+/// the pressure.
+struct Still {
+    first: f32,
+    second: f32,
+}
+
+impl Still {
+    fn new(beta: f32, risen: f32) -> Self {
+        let still = 1.0 - risen;
+        Self {
+            first: libm::powf(still, beta) / (beta + 1.0),
+            second: libm::powf(still, 2.0 * beta) / (2.0 * beta + 1.0),
         }
     }
 }
 
 impl Crowd {
-    /// `births` in a block, of `[pressure in Pa, β, width]`, whose random numbers are below `still`.
-    fn new(
-        births: f64,
-        [pressure, beta, width]: [f64; 3],
-        still: f64,
-        tuning: &Tuning,
-        sample_rate: f64,
-    ) -> Self {
-        let per_sample = births / BLOCK as f64;
-        // Moments of D over rnd < still, per still birth; depth is in `pressure`.
-        let first = libm::pow(still, beta) / (beta + 1.0);
-        let second = libm::pow(still, 2.0 * beta) / (2.0 * beta + 1.0);
-        let (words_mean, [aa, ab, bb]) = tuning.moments(sample_rate);
-        let a = libm::sqrt(aa);
-        let b = ab / a;
-        let c = libm::sqrt((bb - b * b).max(0.0));
-        let deviation = pressure * libm::sqrt(per_sample * second) / Random::ROUGH_DEVIATION;
-        // Pan is uniform over the width; sums over the audio path's own table.
-        let width = libm::round(width * 256.0) as i32;
-        let (mut mean, mut own, mut shared) = (0.0, 0.0, 0.0);
-        for draw in 0..256 {
-            let [left, right] = pan(draw, width).map(|gain| f64::from(gain) / 1_073_741_824.0);
-            mean += left / 256.0;
-            own += left * left / 256.0;
-            shared += left * right / 256.0;
-        }
-        let e0 = libm::sqrt(own);
-        let e1 = shared / e0;
-        let e2 = libm::sqrt((own - e1 * e1).max(0.0));
-        let level = pressure * per_sample * first;
+    /// `births` in a block, of `pressure` Pa.
+    fn new(births: f32, pressure: f32, still: &Still, impulse: &Impulse) -> Self {
+        const ROUGH_DEVIATION: f32 = Random::ROUGH_DEVIATION as f32;
+        let per_sample = births / BLOCK as f32;
+        let deviation = pressure * libm::sqrtf(per_sample * still.second) / ROUGH_DEVIATION;
+        let level = pressure * per_sample * still.first;
         // The rough normal number ends at 3.47 deviations; two of them make the second word.
-        let most = BLOCK as f64 * 1.5 * (level + 2.0 * 3.47 * Random::ROUGH_DEVIATION * deviation);
+        let most = BLOCK as f32 * 1.5 * (level + 2.0 * 3.47 * ROUGH_DEVIATION * deviation);
         // What the resonator cannot take is held down.
-        let hold = (f64::from(STRIKES_MAX) / 134_217_728.0 / most).min(1.0);
+        let hold = (STRIKES_MAX as f32 / Q27 / most).min(1.0);
         Self {
-            births: to_fixed_u64(births, 32) as i64,
-            births_spread: to_fixed_u64(libm::sqrt(births) / Random::ROUGH_DEVIATION, 32) as i64,
-            mean: words_mean.map(|m| libm::round(libm::scalbn(level * hold * m, 58)) as i64),
-            spread: [a, b, c].map(|f| to_fixed(f * hold * deviation, 42)),
-            most: to_fixed_u64(hold * most, 27) as u32,
-            ear_mean: to_fixed(mean, 30),
-            ears: [e0, e1, e2].map(|e| to_fixed(e, 30)),
+            births: (births * Q32) as i64,
+            births_spread: (libm::sqrtf(births) / ROUGH_DEVIATION * Q32) as u32,
+            mean: impulse.mean.map(|m| (level * hold * m * Q28) as i32),
+            spread: impulse
+                .spread
+                .map(|factor| (factor * hold * deviation * Q42) as i32),
+            most: (hold * most * Q27) as u32,
         }
-    }
-}
-
-impl Tuning {
-    /// Mean and second moments of both words of a bubble of amplitude 1, over a birth at any time in the sample.
-    fn moments(&self, sample_rate: f64) -> ([f64; 2], [f64; 3]) {
-        if self.form == Form::Silent {
-            return ([0.0; 2], [1.0, 0.0, 0.0]);
-        }
-        let (log, factor) = self.pole(sample_rate);
-        // A bubble is struck as it would have been at the sample before: w^f with w = 1/z.
-        let log = Complex {
-            re: -log.re,
-            im: -log.im,
-        };
-        let exp = |c: Complex| Complex {
-            re: libm::exp(c.re) * libm::cos(c.im),
-            im: libm::exp(c.re) * libm::sin(c.im),
-        };
-        let minus_one = |c: Complex| Complex {
-            re: c.re - 1.0,
-            im: c.im,
-        };
-        let double = Complex {
-            re: 2.0 * log.re,
-            im: 2.0 * log.im,
-        };
-        let mean = minus_one(exp(log)).div(log);
-        let square = minus_one(exp(double)).div(double);
-        let energy = libm::expm1(double.re) / double.re;
-        let one = Complex { re: 1.0, im: 0.0 };
-        let product = |a: Complex, b: Complex| {
-            let conj = Complex {
-                re: b.re,
-                im: -b.im,
-            };
-            0.5 * (a.mul(conj).re * energy - a.mul(b).mul(square).re)
-        };
-        (
-            [mean.im, factor.mul(mean).im],
-            [
-                product(one, one),
-                product(one, factor),
-                product(factor, factor),
-            ],
-        )
     }
 }
