@@ -4,12 +4,14 @@ use heapless::Vec;
 
 use crate::bubble::{RADIUS_MAX, RADIUS_MIN};
 use crate::fixed::cosine;
-use crate::frame::TICK;
+use crate::frame::{BLOCKS_PER_TICK, TICK};
 use crate::random::{Random, Stream};
 use crate::voices::{Pitch, Strike};
 
 /// Most bubbles that drops start in one tick; others wait for the next one. The densest rain has 4.3 on average.
 pub const STRIKES: usize = 6;
+// The audio path takes one in a block.
+const _: () = assert!(STRIKES <= BLOCKS_PER_TICK);
 
 /// What the drops need of the parameters; see the parameter table.
 #[derive(Clone, Copy, Debug)]
@@ -46,7 +48,7 @@ pub struct Drops {
 /// A drop with bubbles to come.
 #[derive(Clone, Copy, Debug)]
 struct Falling {
-    /// When it fell, frames from the tick's first.
+    /// When it falls, frames from the tick's first.
     begin: f32,
     /// Radius of the main bubble, m.
     main: f32,
@@ -76,7 +78,7 @@ impl Drops {
         }
     }
 
-    /// The bubbles that begin in the next tick or shortly after.
+    /// The bubbles of a tick's drops, which fall in the tick after it: so the audio path can take them one by one.
     pub fn tick(&mut self, settings: &Settings, strikes: &mut Vec<Strike, STRIKES>) {
         strikes.clear();
         let per_tick = f64::from(settings.rate) * TICK as f64 / self.sample_rate;
@@ -87,7 +89,7 @@ impl Drops {
                 let _ = strikes.push(strike);
                 self.drop = drop.follow(settings, &mut self.random, self.sample_rate as f32);
             } else if self.next < per_tick {
-                let begin = (self.next / per_tick) as f32 * TICK as f32;
+                let begin = (1.0 + (self.next / per_tick) as f32) * TICK as f32;
                 self.drop = Some(Falling::new(begin, settings, &mut self.random));
                 let even = 1.0 + 0.03 * self.random.normal();
                 let random = self.random.exponential();
@@ -125,7 +127,7 @@ impl Falling {
         let rise = settings.rise_factor * 2.0 * random.uniform();
         let radius = self.radius.clamp(RADIUS_MIN as f32, RADIUS_MAX as f32);
         let pitch = Pitch::new(radius, rise, sample_rate);
-        let at = f64::from(self.begin + self.after);
+        let at = f64::from((self.begin + self.after).max(TICK as f32));
         Strike::new(pitch, at, pan(self.pressure, self.place))
     }
 

@@ -19,6 +19,8 @@ pub struct Synth<P: Profile> {
     mix: Mix,
     stats: Stats,
     frame: u64,
+    /// Which of the update's strikes is next.
+    next_strike: usize,
 }
 
 impl<P: Profile> Synth<P> {
@@ -35,21 +37,20 @@ impl<P: Profile> Synth<P> {
             mix: Mix::new(output, seed, &control.mix(), sample_rate),
             stats: Stats::default(),
             frame: 0,
+            next_strike: 0,
         }
     }
 
     /// Takes what a tick of the control path changed, before the tick's first block. From here on the update is in
     /// force, until the next one is applied; where that is late, it just stays so.
-    pub fn apply<O: Observer>(&mut self, update: &Update, observer: &mut O) {
+    pub fn apply(&mut self, update: &Update) {
         if let Some(slice) = &update.slice {
             self.population.tune(slice);
         }
         if let Some(mix) = &update.mix {
             self.mix.apply(mix);
         }
-        for strike in &update.strikes {
-            self.strike(strike, observer);
-        }
+        self.next_strike = 0;
     }
 
     /// Sounds a single bubble, counted from the next block's first frame.
@@ -91,6 +92,12 @@ impl<P: Profile> Synth<P> {
     /// Renders one block under the `update` that is in force.
     pub fn render<O: Observer>(&mut self, update: &Update, block: &mut Block, observer: &mut O) {
         *block = [Frame::ZERO; BLOCK];
+        // One in a block: there are fewer than blocks, and none is due before the tick is over.
+        if let Some(strike) = update.strikes.get(self.next_strike) {
+            let delay = strike.delay - (self.next_strike * BLOCK) as u32;
+            self.next_strike += 1;
+            self.strike(&Strike { delay, ..*strike }, observer);
+        }
         let Self {
             population,
             voices,
@@ -194,7 +201,7 @@ impl<P: Profile> Instrument<P> {
     fn next_block<O: Observer>(&mut self, observer: &mut O) {
         if self.blocks == 0 {
             self.live ^= 1;
-            (self.synth).apply(self.updates[self.live].as_ref(), observer);
+            self.synth.apply(self.updates[self.live].as_ref());
             // A board computes this while the tick sounds; here it is there at once, and waits.
             self.control.tick(self.updates[self.live ^ 1].as_mut());
         }

@@ -18,7 +18,7 @@ pub struct Update<C: ?Sized = [Crowd]> {
     pub(crate) slice: Option<Slice>,
     /// The mix's settings, where they change.
     pub(crate) mix: Option<mix::Settings>,
-    /// Single bubbles that begin in this tick.
+    /// Single bubbles, none of which is due before the next tick.
     pub(crate) strikes: Vec<Strike, STRIKES>,
     /// Which [`Drive`](population::Drive) `water` is made of; 0: none yet.
     pub(crate) version: u32,

@@ -164,7 +164,7 @@ fn on_a_board(text: &str, ticks: usize, late: &[usize]) -> Vec<Frame> {
     for tick in 0..ticks {
         if !late.contains(&tick) {
             std::mem::swap(&mut live, &mut next);
-            synth.apply(live.as_ref(), &mut ());
+            synth.apply(live.as_ref());
             control.tick(next.as_mut());
         }
         for _ in 0..TICK / BLOCK {
