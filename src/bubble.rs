@@ -62,5 +62,36 @@ impl Bubble {
     }
 }
 
+/// How a bubble rings at a sample rate; what resonators and voices are tuned by.
+#[derive(Clone, Copy, Debug)]
+pub struct Ringing {
+    /// Radius, m.
+    pub radius: f32,
+    /// Angle a sample, rad.
+    pub angle: f64,
+    /// The same in turns.
+    pub turns: f64,
+    /// Decay β a sample.
+    pub decay: f64,
+    /// Part lost in a sample, `1 − e^−β`.
+    pub loss: f64,
+}
+
+impl Ringing {
+    /// A bubble of `radius` metres at `rate` Hz.
+    pub fn new(radius: f32, rate: f64) -> Self {
+        let bubble = Bubble::new(f64::from(radius));
+        let angle = bubble.omega_d() / rate;
+        let decay = bubble.beta / rate;
+        Self {
+            radius,
+            angle,
+            turns: angle / (2.0 * PI),
+            decay,
+            loss: -libm::expm1(-decay),
+        }
+    }
+}
+
 /// Pressure at 1 m of a bubble just cut off from the air, Pa: the surface-tension step `2σ/R` (physics §1).
 pub const ENTRAINMENT: f64 = 2.0 * SIGMA;

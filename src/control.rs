@@ -1,6 +1,7 @@
 //! The control path: parameters with their ramps become settings for the audio path, once a tick.
 //!
-//! Everything here may use f64; nothing here is called from the audio path.
+//! Nothing here is called from the audio path. It may use f64, where pitch and decay want it, but a tick has to be done
+//! before the next one on a processor that has none: whatever takes longer is spread over a fixed number of ticks.
 
 use heapless::Vec;
 
@@ -9,13 +10,11 @@ use crate::drops::{self, Drops};
 use crate::frame::TICK;
 use crate::mix;
 use crate::param::{self, COUNT, TABLE};
-use crate::population::{self, CLASSES, Drive};
+use crate::population::{Drive, Radii, Slice, Tuner};
 use crate::scene::{CURVES, IntensityCurve, Scene};
 use crate::swell::{self, Swell};
-use crate::voices::Strike;
+use crate::update::Update;
 
-/// Time between two changes of radii, s: what an old bank has to ring out.
-const RETUNE: f64 = 0.213;
 /// Time a change of scene takes, s.
 const SCENE_RAMP: f32 = 0.5;
 
@@ -29,15 +28,50 @@ struct Ramp {
     now: f32,
     from: f32,
     target: f32,
+    /// Ticks before it starts.
+    wait: u32,
     /// Ticks left, of so many.
     left: u32,
     ticks: u32,
 }
 
 impl Ramp {
+    /// Arrived.
+    fn at(value: f32) -> Self {
+        Self {
+            now: value,
+            from: value,
+            target: value,
+            wait: 0,
+            left: 0,
+            ticks: 0,
+        }
+    }
+
+    /// After `wait` ticks it goes to `target` in `ticks`.
+    fn aim(&mut self, target: f32, ticks: u32, wait: u32) {
+        if ticks == 0 && wait == 0 {
+            *self = Self::at(target);
+            return;
+        }
+        let ticks = ticks.max(1);
+        *self = Self {
+            now: self.now,
+            from: self.now,
+            target,
+            wait,
+            left: ticks,
+            ticks,
+        };
+    }
+
     /// One tick on. True where the value changed.
     fn step(&mut self, param: &param::Param) -> bool {
         if self.left == 0 {
+            return false;
+        }
+        if self.wait > 0 {
+            self.wait -= 1;
             return false;
         }
         self.left -= 1;
@@ -48,37 +82,20 @@ impl Ramp {
     }
 }
 
-/// What a tick changes.
-#[derive(Clone, Copy, Debug)]
-pub struct Update<'a> {
-    /// The population's settings, where they changed.
-    pub water: Option<&'a population::Settings>,
-    /// The mix's, where they changed.
-    pub mix: Option<&'a mix::Settings>,
-    /// Single bubbles that begin in this tick.
-    pub strikes: &'a [Strike],
-}
-
 /// The control path's state.
 #[derive(Clone, Debug)]
 pub struct Control {
-    sample_rate: f64,
-    max_rate: f64,
+    sample_rate: f32,
+    max_rate: f32,
     ramps: [Ramp; COUNT],
     curves: Vec<IntensityCurve, CURVES>,
     swell: Swell,
     drops: Drops,
-    water: population::Settings,
-    mix: mix::Settings,
-    /// Radii, classes and rise factor that `water` is tuned to.
-    tuned: [f32; 4],
-    drive: Option<(Drive, [f64; CLASSES])>,
+    tuner: Tuner,
+    /// What the water is driven by, and a number for it that differs from the one before.
+    drive: Drive,
+    version: u32,
     mixed: [f32; 3],
-    since_retune: u32,
-    /// What the last tick changed.
-    water_changed: bool,
-    mix_changed: bool,
-    strikes: Vec<Strike, { drops::STRIKES }>,
 }
 
 const TUNING: [usize; 4] = [
@@ -92,31 +109,22 @@ const MIXING: [usize; 3] = [param::LEVEL, param::TONE, param::LIMITER];
 impl Control {
     /// Playing `scene` at `sample_rate` Hz with at most `max_rate` births a second.
     pub fn new(scene: &Scene, sample_rate: u32, max_rate: f32, seed: u64) -> Self {
+        let sample_rate = f64::from(sample_rate);
         let mut control = Self {
-            sample_rate: f64::from(sample_rate),
-            max_rate: f64::from(max_rate),
-            ramps: core::array::from_fn(|i| Ramp {
-                now: TABLE[i].default,
-                from: TABLE[i].default,
-                target: TABLE[i].default,
-                left: 0,
-                ticks: 0,
-            }),
-            curves: Vec::new(),
+            sample_rate: sample_rate as f32,
+            max_rate,
             swell: Swell::new(seed),
-            drops: Drops::new(seed),
-            water: population::Settings::new(),
-            mix: mix::Settings::new(0.0, 0.0, true),
-            tuned: [0.0; 4],
-            drive: None,
+            drops: Drops::new(seed, sample_rate),
+            tuner: Tuner::new(sample_rate),
+            ramps: TABLE.each_ref().map(|param| Ramp::at(param.default)),
+            curves: Vec::new(),
+            drive: Drive::NONE,
+            version: 1,
             mixed: [0.0; 3],
-            since_retune: u32::MAX,
-            water_changed: false,
-            mix_changed: false,
-            strikes: Vec::new(),
         };
-        control.take(scene, 0.0);
-        control.tick();
+        control.ramps = control.take(scene).map(Ramp::at);
+        (control.tuner).begin(control.radii(), control.at(param::RISE_FACTOR));
+        control.mixed = control.mixing();
         control
     }
 
@@ -135,175 +143,159 @@ impl Control {
         Ok(())
     }
 
-    /// Changes to another scene, with no click.
+    /// Changes to another scene, with no click: to its radii as soon as they are worked out, and from then on to all
+    /// else along a ramp.
     pub fn load(&mut self, scene: &Scene) {
-        self.take(scene, SCENE_RAMP);
+        let values = self.take(scene);
+        for i in TUNING {
+            self.ramps[i].aim(values[i], 0, 0);
+        }
+        // The ramps' first step is in the tick in which the radii change.
+        let wait = self.tuner.due(&self.radii()).saturating_sub(1);
+        let ramp = self.ticks(SCENE_RAMP);
+        for (i, param) in TABLE.iter().enumerate() {
+            let smooth = matches!(param.kind, param::Kind::Real);
+            match i {
+                _ if TUNING.contains(&i) => {}
+                // The scene's own intensity is there at once; what it moves follows.
+                param::INTENSITY => self.ramps[i].aim(values[i], 0, 0),
+                _ => self.ramps[i].aim(values[i], if smooth { ramp } else { 0 }, wait),
+            }
+        }
     }
 
-    fn take(&mut self, scene: &Scene, ramp: f32) {
+    /// The values of all parameters in `scene`, whose curves are the intensity's from now on.
+    fn take(&mut self, scene: &Scene) -> [f32; COUNT] {
         self.curves.clone_from(&scene.curves);
-        for (i, param) in TABLE.iter().enumerate() {
-            let value = scene
-                .values
-                .iter()
-                .find(|v| v.0 == i)
-                .map_or(param.default, |v| v.1);
-            let smooth = matches!(param.kind, param::Kind::Real) && !TUNING.contains(&i);
-            self.aim(i, value, if smooth { ramp } else { 0.0 });
+        let mut values = TABLE.each_ref().map(|param| param.default);
+        for &(index, value) in &scene.values {
+            values[index] = value;
         }
-        // The scene's own intensity is there at once; what it moves ramps.
-        let intensity = self.ramps[param::INTENSITY].target;
-        self.aim(param::INTENSITY, intensity, 0.0);
-        self.follow(intensity, ramp);
+        for curve in &self.curves {
+            values[curve.param] = curve.at(values[param::INTENSITY]);
+        }
+        values
     }
 
     fn aim(&mut self, index: usize, value: f32, ramp: f32) {
-        let ticks = libm::roundf(ramp * self.sample_rate as f32 / TICK as f32) as u32;
-        let slot = &mut self.ramps[index];
-        slot.from = slot.now;
-        slot.target = value;
-        slot.ticks = ticks;
-        slot.left = ticks;
-        if ticks == 0 {
-            slot.now = value;
-            if index == param::INTENSITY {
-                self.follow(value, 0.0);
-            }
+        let ticks = self.ticks(ramp);
+        self.ramps[index].aim(value, ticks, 0);
+        if ticks == 0 && index == param::INTENSITY {
+            self.follow();
         }
+    }
+
+    fn ticks(&self, seconds: f32) -> u32 {
+        libm::roundf(seconds * self.sample_rate / TICK as f32) as u32
     }
 
     /// Moves what the intensity moves.
-    fn follow(&mut self, intensity: f32, ramp: f32) {
-        for i in 0..self.curves.len() {
-            let (index, value) = (self.curves[i].param, self.curves[i].at(intensity));
-            self.aim(index, value, ramp);
+    fn follow(&mut self) {
+        let intensity = self.at(param::INTENSITY);
+        for curve in &self.curves {
+            self.ramps[curve.param] = Ramp::at(curve.at(intensity));
         }
     }
 
-    /// One tick on.
-    pub fn tick(&mut self) {
+    /// One tick on: fills in what the audio path is to do in the next one.
+    pub fn tick(&mut self, update: &mut Update) {
         for (i, param) in TABLE.iter().enumerate() {
             if self.ramps[i].step(param) && i == param::INTENSITY {
-                self.follow(self.ramps[i].now, 0.0);
+                self.follow();
             }
         }
-        self.water_changed = self.water();
-        self.mix_changed = self.mix();
-        let drops = drops::Settings {
-            rate: self.value(param::DROPS_RATE),
-            regularity: self.value(param::DROPS_REGULARITY),
-            radius: self.value(param::DROPS_RADIUS) * 1e-3,
-            spread: self.value(param::DROPS_SPREAD),
-            bubbles: self.value(param::DROPS_BUBBLES),
-            pressure: self.value(param::DROPS_PRESSURE),
-            rise_factor: self.value(param::DROPS_RISE),
-            width: self.value(param::WIDTH),
-        };
-        self.strikes = self.drops.tick(&drops, self.sample_rate);
-    }
-
-    /// What the audio path has to know of the last tick.
-    pub fn update(&self) -> Update<'_> {
-        Update {
-            water: self.water_changed.then_some(&self.water),
-            mix: self.mix_changed.then_some(&self.mix),
-            strikes: &self.strikes,
+        update.slice = (self.tuner).tick(self.radii(), self.at(param::RISE_FACTOR));
+        let retuned = update.slice.as_ref().is_some_and(Slice::switches);
+        let drive = self.drive();
+        if retuned || drive != self.drive {
+            self.drive = drive;
+            self.version = self.version.wrapping_add(1);
         }
-    }
-
-    /// All settings, for an audio path that begins now.
-    pub fn settings(&self) -> (&population::Settings, &mix::Settings) {
-        (&self.water, &self.mix)
-    }
-
-    fn value(&self, index: usize) -> f64 {
-        f64::from(self.ramps[index].now)
-    }
-
-    /// Brings the population's settings up to date. True where they changed.
-    fn water(&mut self) -> bool {
-        let mut changed = false;
-        self.since_retune = self.since_retune.saturating_add(1);
-        let tuning = TUNING.map(|i| self.ramps[i].now);
-        let waited = f64::from(self.since_retune) * TICK as f64 / self.sample_rate;
-        let retune = tuning[..3] != self.tuned[..3] && waited >= RETUNE;
-        if retune {
-            let [a, b] = [tuning[0], tuning[1]].map(|mm| f64::from(mm) * 1e-3);
-            let classes = tuning[2] as usize;
-            self.water
-                .tune(a.min(b), a.max(b), classes, tuning[3], self.sample_rate);
-            self.tuned = tuning;
-            self.since_retune = 0;
-            changed = true;
-        } else if tuning[3] != self.tuned[3] {
-            self.water.set_rise(tuning[3], self.sample_rate);
-            self.tuned[3] = tuning[3];
-            changed = true;
+        // Two updates go back and forth: each learns of a change when it comes by.
+        if update.version != self.version {
+            update.version = self.version;
+            let (radii, impulses) = self.tuner.live();
+            (update.water).drive(&self.drive, radii, impulses, self.sample_rate);
         }
-        let swell = swell::Settings {
-            period: self.value(param::SWELL_PERIOD),
-            irregularity: self.value(param::SWELL_IRREGULARITY),
-            attack: self.value(param::SWELL_ATTACK),
-        };
-        let depth = self.value(param::SWELL_DEPTH);
-        let height = self.swell.advance(TICK as f64 / self.sample_rate, &swell);
-        // What falls away between waves.
-        let ebb = if depth > 0.0 {
-            depth * (1.0 - height)
-        } else {
-            0.0
-        };
-        let entrained = self.ramps[param::EXCITATION].now == 1.0;
-        let drive = Drive {
-            rate: self.value(param::RATE).min(self.max_rate) * (1.0 - ebb) * (1.0 - ebb),
-            alpha: if entrained {
-                0.0
-            } else {
-                self.value(param::ALPHA)
-            },
-            beta: self.value(param::BETA),
-            depth: self.value(param::DEPTH),
-            rise_cutoff: self.value(param::RISE_CUTOFF),
-            rise_factor: f64::from(tuning[3]),
-            pressure: if entrained {
-                ENTRAINMENT
-            } else {
-                self.value(param::PRESSURE)
-            },
-            width: self.value(param::WIDTH),
-        };
-        let law = self.ramps[param::LAW].now as usize;
-        let gamma = if law == 1 {
-            self.value(param::GAMMA)
-        } else {
-            0.0
-        } + ebb * self.value(param::SWELL_FIZZ);
-        let mut weight = [0.0; CLASSES];
-        for (k, weight) in weight[..self.water.classes].iter_mut().enumerate() {
-            let custom = if law == 2 {
-                self.value(param::WEIGHT + k)
-            } else {
-                1.0
-            };
-            let radius = f64::from(self.water.tuning[k].radius) * 1e3;
-            *weight = custom * libm::pow(radius, -gamma);
-        }
-        if changed || self.drive != Some((drive, weight)) {
-            self.water.drive(&drive, &weight, self.sample_rate);
-            self.drive = Some((drive, weight));
-            changed = true;
-        }
-        changed
-    }
-
-    fn mix(&mut self) -> bool {
-        let mixed = MIXING.map(|i| self.ramps[i].now);
-        if mixed == self.mixed {
-            return false;
-        }
+        let mixed = self.mixing();
+        update.mix = (mixed != self.mixed).then(|| mix_settings(mixed));
         self.mixed = mixed;
-        let [level, tone] = [mixed[0], mixed[1]].map(f64::from);
-        self.mix = mix::Settings::new(level, tone, mixed[2] == 1.0);
-        true
+        let drops = drops::Settings {
+            rate: self.at(param::DROPS_RATE),
+            regularity: self.at(param::DROPS_REGULARITY),
+            radius: self.at(param::DROPS_RADIUS) * 1e-3,
+            spread: self.at(param::DROPS_SPREAD),
+            bubbles: self.at(param::DROPS_BUBBLES),
+            pressure: self.at(param::DROPS_PRESSURE),
+            rise_factor: self.at(param::DROPS_RISE),
+            width: self.at(param::WIDTH),
+        };
+        self.drops.tick(&drops, &mut update.strikes);
     }
+
+    /// The mix's settings, for an audio path that begins now.
+    pub fn mix(&self) -> mix::Settings {
+        mix_settings(self.mixed)
+    }
+
+    /// The population's classes, for an audio path that begins now.
+    pub fn slices(&self) -> impl Iterator<Item = Slice> {
+        self.tuner.slices()
+    }
+
+    fn at(&self, index: usize) -> f32 {
+        self.ramps[index].now
+    }
+
+    fn radii(&self) -> Radii {
+        let [a, b] = [self.at(param::RADIUS_MIN), self.at(param::RADIUS_MAX)];
+        Radii {
+            min: a.min(b),
+            max: a.max(b),
+            classes: self.at(param::CLASSES) as usize,
+        }
+    }
+
+    /// The swell goes on, and with it what the water is driven by.
+    fn drive(&mut self) -> Drive {
+        let swell = swell::Settings {
+            period: self.at(param::SWELL_PERIOD),
+            irregularity: self.at(param::SWELL_IRREGULARITY),
+            attack: self.at(param::SWELL_ATTACK),
+        };
+        let height = self.swell.advance(TICK as f32 / self.sample_rate, &swell);
+        // What falls away between waves.
+        let ebb = match self.at(param::SWELL_DEPTH) {
+            0.0 => 0.0,
+            depth => depth * (1.0 - height),
+        };
+        let law = self.at(param::LAW) as usize;
+        let gamma = if law == 1 { self.at(param::GAMMA) } else { 0.0 };
+        let weight = |k| match law {
+            2 => self.at(param::WEIGHT + k),
+            _ => 1.0,
+        };
+        let entrained = self.at(param::EXCITATION) == 1.0;
+        let impact = |value: f32, other: f32| if entrained { other } else { value };
+        Drive {
+            rate: self.at(param::RATE).min(self.max_rate) * (1.0 - ebb) * (1.0 - ebb),
+            gamma: gamma + ebb * self.at(param::SWELL_FIZZ),
+            weight: core::array::from_fn(weight),
+            alpha: impact(self.at(param::ALPHA), 0.0),
+            beta: self.at(param::BETA),
+            depth: self.at(param::DEPTH),
+            rise_cutoff: self.at(param::RISE_CUTOFF),
+            rises: self.at(param::RISE_FACTOR) > 0.0,
+            pressure: impact(self.at(param::PRESSURE), ENTRAINMENT as f32),
+            width: self.at(param::WIDTH),
+        }
+    }
+
+    fn mixing(&self) -> [f32; 3] {
+        MIXING.map(|i| self.at(i))
+    }
+}
+
+fn mix_settings([level, tone, limiter]: [f32; 3]) -> mix::Settings {
+    mix::Settings::new(f64::from(level), f64::from(tone), limiter == 1.0)
 }

@@ -27,7 +27,9 @@ pub mod scene;
 pub mod stats;
 pub mod swell;
 pub mod synth;
+pub mod update;
 pub mod voices;
 
 pub use frame::{BLOCK, Block, Frame, TICK};
 pub use synth::{Instrument, Synth};
+pub use update::Update;

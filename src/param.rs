@@ -54,24 +54,22 @@ impl Param {
         if x <= 0.0 {
             return from;
         }
-        let (a, b, x) = (f64::from(from), f64::from(to), f64::from(x));
         let value = match self.curve {
-            Curve::Linear => a + (b - a) * x,
+            Curve::Linear => from + (to - from) * x,
             Curve::Log(least) => {
-                let least = f64::from(least);
-                let log = |v: f64| libm::log(v.max(least));
-                let value = libm::exp(log(a) + (log(b) - log(a)) * x);
+                let log = |v: f32| libm::logf(v.max(least));
+                let value = libm::expf(log(from) + (log(to) - log(from)) * x);
                 // Near an end at 0 the curve is cut, not raised.
-                if value <= least * 1.000_001 {
-                    0.0_f64.max(a.min(b))
+                if value <= least * 1.000_01 {
+                    0.0_f32.max(from.min(to))
                 } else {
                     value
                 }
             }
         };
         match self.kind {
-            Kind::Real => (value as f32).clamp(self.min, self.max),
-            Kind::Whole | Kind::Choice(_) => libm::round(value) as f32,
+            Kind::Real => value.clamp(self.min, self.max),
+            Kind::Whole | Kind::Choice(_) => libm::roundf(value),
         }
     }
 

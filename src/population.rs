@@ -4,13 +4,20 @@
 //! change of rate needs no redraw. A bubble that does not rise is one impulse at its exact time between samples; a
 //! rising one asks for a voice. Above one birth a sample a class is a *crowd*: its impulses are drawn by their moments.
 
-use crate::fixed::{PAN, PASCAL, exp2_neg, neg_log2, sine_cosine, to_fixed, to_fixed_u64};
+mod settings;
+mod tuner;
+
+pub use settings::{Drive, Settings};
+pub use tuner::{Impulse, Place, Radii, SLICE, Slice, Tuner};
+
+use settings::{Ears, Law};
+
+use crate::fixed::{PAN, PASCAL, exp2_neg, neg_log2, sine_cosine, to_fixed};
 use crate::frame::{BLOCK, Block, Frame};
 use crate::observer::{Birth, Crowd as CrowdSeen, Observer, Path};
 use crate::random::{Random, Stream};
 use crate::resonator::{
-    Complex, Form, STRIKES_MAX, SWING_MAX, State, StrikeWords, Strikes, Tuning, run_struck,
-    run_two_struck,
+    Form, STRIKES_MAX, SWING_MAX, State, StrikeWords, Strikes, Tuning, run_struck, run_two_struck,
 };
 use crate::stats::Stats;
 use crate::voices::{Pitch, Start, Voice, Voices};
@@ -19,229 +26,65 @@ use crate::voices::{Pitch, Start, Voice, Voices};
 pub const CLASSES: usize = 64;
 
 /// Where births are denser than this a sample, a class is a crowd.
-pub const CROWD: f64 = 1.0;
+pub const CROWD: f32 = 1.0;
 /// No bubble of a class is louder than this, Pa: twice full scale.
-pub const CLASS_MAX_PA: f64 = 2.0;
+pub const CLASS_MAX_PA: f32 = 2.0;
 /// From this many births a block (over ln 2, Q32.32) they are gathered before the resonator runs.
 const CROSSOVER: u64 = 6 << 32;
 /// A retired bank rings out at least this fast, 1/s.
 const RETIRED_DECAY: f64 = 60.0;
 
 /// How a class is struck.
-#[derive(Clone, Copy, Debug, Default)]
-pub struct Flow {
+#[derive(Clone, Copy, Debug)]
+struct Flow {
     /// Births in a block that the clock draws one by one, over ln 2, Q32.32.
     per_block: u64,
     /// 2^63 − 1 over the upper 32 bits of `per_block << shift`.
     inverse: u32,
-    shift: u32,
     /// Pressure of a bubble of depth factor 1, one sample before it is due, Q27 of a pascal.
     pressure: u32,
     /// `-log2 D` (Q20) above which less than half a unit of that is left.
     inaudible: u32,
     /// The same at its birth, Q28, for voices.
     voice_pressure: u32,
-    crowd: Option<Crowd>,
+    shift: u8,
+    /// Which of the crowds draws the others, or [`Self::ALONE`].
+    crowd: u8,
 }
 
 /// The moments of a class with more than one birth a sample.
 #[derive(Clone, Copy, Debug)]
-struct Crowd {
+pub struct Crowd {
     /// Mean of the births in a block, Q32.
     births: i64,
     /// Its root, over the deviation of `rough_normal`, Q32.
-    births_spread: i64,
-    /// Mean of both words in a sample, Q32.32 of bus units.
-    mean: [i64; 2],
+    births_spread: u32,
+    /// Mean of both words in a sample, Q28 of a pascal.
+    mean: [i32; 2],
     /// Cholesky factor of both words' covariance, over the deviation of `rough_normal`, Q42 of a pascal.
     spread: [i32; 3],
     /// What a block's impulses may come to at most, Q27 of a pascal.
     most: u32,
-    /// Mean gain of an ear, and the factor of the covariance between ears, Q30.
-    ear_mean: i32,
-    ears: [i32; 3],
-}
-
-/// What the audio path needs of the water's parameters.
-#[derive(Clone, Debug)]
-pub struct Settings {
-    /// Classes in use.
-    pub classes: usize,
-    /// Grows with each change of radii, and so of `tuning`.
-    pub generation: u32,
-    /// The resonators.
-    pub tuning: [Tuning; CLASSES],
-    /// The same when retired: ringing out faster.
-    pub retired: [Tuning; CLASSES],
-    /// The pitch of a class's rising bubbles.
-    pub pitch: [Pitch; CLASSES],
-    /// How each class is struck.
-    pub flow: [Flow; CLASSES],
-    law: Law,
-}
-
-/// What every birth is drawn by.
-#[derive(Clone, Copy, Debug)]
-struct Law {
-    /// β of `D = rnd^β`, Q26.
-    exponent: u32,
-    /// A bubble rises where `-log2 D` (Q20) is below this.
-    rise_below: u32,
-    /// Random numbers below this are left to the crowd, Q32.
-    crowd_below: u32,
-    /// Width of the stage, 256 is full.
-    width: i32,
-}
-
-/// The parameters of the water that are not its radii; see the parameter table for units.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Drive {
-    /// Births a second.
-    pub rate: f64,
-    /// Exponent of the pressure's growth with radius.
-    pub alpha: f64,
-    /// Exponent of the depth factor.
-    pub beta: f64,
-    /// Largest depth factor.
-    pub depth: f64,
-    /// Bubbles whose depth factor is above this rise.
-    pub rise_cutoff: f64,
-    /// Rise factor ξ; 0: nothing rises.
-    pub rise_factor: f64,
-    /// Pressure at 1 m of a bubble of 1 mm and depth factor 1, Pa.
-    pub pressure: f64,
-    /// From 0 to 1.
-    pub width: f64,
-}
-
-impl Settings {
-    /// No water at all.
-    pub fn new() -> Self {
-        Self {
-            classes: 0,
-            generation: 0,
-            tuning: [Tuning::SILENT; CLASSES],
-            retired: [Tuning::SILENT; CLASSES],
-            pitch: [Pitch::SILENT; CLASSES],
-            flow: [Flow::default(); CLASSES],
-            law: Law {
-                exponent: 0,
-                rise_below: 0,
-                crowd_below: 0,
-                width: 256,
-            },
-        }
-    }
-
-    /// Retunes to `classes` radii from `min` to `max` metres, evenly spaced by ratio. `sample_rate` in Hz.
-    pub fn tune(&mut self, min: f64, max: f64, classes: usize, rise_factor: f32, sample_rate: f64) {
-        self.classes = classes.clamp(1, CLASSES);
-        self.generation = self.generation.wrapping_add(1);
-        let intervals = (self.classes - 1).max(1) as f64;
-        let ratio = libm::exp(libm::log(max / min) / intervals);
-        let mut radius = min;
-        for k in 0..self.classes {
-            self.tuning[k] = Tuning::new(radius as f32, sample_rate);
-            self.retired[k] = self.tuning[k].hurried(RETIRED_DECAY / sample_rate);
-            self.pitch[k] = Pitch::new(radius as f32, rise_factor, sample_rate);
-            radius *= ratio;
-        }
-    }
-
-    /// Whether a class's births are gathered before its resonator runs.
-    fn is_dense(&self, k: usize) -> bool {
-        let flow = &self.flow[k];
-        flow.crowd.is_some() || flow.per_block >= CROSSOVER
-    }
-
-    /// Gives every class's rising bubbles another rise factor.
-    pub fn set_rise(&mut self, rise_factor: f32, sample_rate: f64) {
-        for k in 0..self.classes {
-            self.pitch[k] = Pitch::new(self.tuning[k].radius, rise_factor, sample_rate);
-        }
-    }
-
-    /// Spreads the births over the classes by `weight` (any scale) and sets their strength.
-    pub fn drive(&mut self, drive: &Drive, weight: &[f64], sample_rate: f64) {
-        let total: f64 = weight[..self.classes].iter().sum();
-        let rises = drive.rise_factor > 0.0;
-        // D > cutoff where rnd > (cutoff / depth)^(1/β).
-        let ratio = if drive.depth > 0.0 {
-            drive.rise_cutoff / drive.depth
-        } else {
-            1.0
-        };
-        let still = if !rises || ratio >= 1.0 {
-            1.0
-        } else if drive.beta == 0.0 || ratio <= 0.0 {
-            0.0
-        } else {
-            libm::pow(ratio, 1.0 / drive.beta)
-        };
-        self.law.exponent = to_fixed(drive.beta, 26) as u32;
-        self.law.rise_below = if still >= 1.0 {
-            0
-        } else if ratio <= 0.0 {
-            u32::MAX
-        } else {
-            // D = depth·2^-x: compare x alone. At β = 0 every x is 0.
-            to_fixed(-libm::log2(ratio), 20) as u32
-        };
-        self.law.crowd_below = libm::round(still * 4_294_967_295.0) as u32;
-        self.law.width = libm::round(drive.width * 256.0) as i32;
-        let scale = if total > 0.0 {
-            drive.rate * BLOCK as f64 / (sample_rate * total)
-        } else {
-            0.0
-        };
-        for (k, flow) in self.flow.iter_mut().enumerate() {
-            if k >= self.classes {
-                *flow = Flow::default();
-                continue;
-            }
-            let tuning = &self.tuning[k];
-            let births = weight[k] * scale;
-            let pressure = drive.pressure * libm::pow(f64::from(tuning.radius) * 1e3, drive.alpha);
-            let pressure = (drive.depth * pressure).min(CLASS_MAX_PA);
-            let still_births = births * still;
-            if still_births > CROWD * BLOCK as f64 {
-                *flow = Flow::new(births - still_births, pressure, tuning);
-                let sound = [pressure, drive.beta, drive.width];
-                flow.crowd = Some(Crowd::new(still_births, sound, still, tuning, sample_rate));
-            } else {
-                *flow = Flow::new(births, pressure, tuning);
-            }
-        }
-    }
-}
-
-impl Default for Settings {
-    fn default() -> Self {
-        Self::new()
-    }
 }
 
 impl Flow {
-    fn new(births: f64, pressure: f64, tuning: &Tuning) -> Self {
-        let per_block = to_fixed_u64(births * core::f64::consts::LOG2_E, 32);
-        let shift = per_block.leading_zeros().min(63);
-        let top = (per_block << shift >> 32) as u32;
-        // Top is at least 2^31, or births are none.
-        let inverse = if top == 0 {
-            0
-        } else {
-            (i64::MAX as u64 / u64::from(top)) as u32
-        };
-        let grown = pressure * libm::exp2(f64::from(tuning.decay_over(1 << 27)) / 1_048_576.0);
-        Self {
-            per_block,
-            inverse,
-            shift,
-            pressure: to_fixed_u64(grown, 27) as u32,
-            inaudible: to_fixed_u64(libm::log2(grown).max(-28.0) + 28.0, 20) as u32,
-            voice_pressure: to_fixed_u64(pressure, 28) as u32,
-            crowd: None,
-        }
+    /// No crowd.
+    const ALONE: u8 = u8::MAX;
+
+    /// No births.
+    const NONE: Self = Self {
+        per_block: 0,
+        inverse: 0,
+        pressure: 0,
+        inaudible: 0,
+        voice_pressure: 0,
+        shift: 0,
+        crowd: Self::ALONE,
+    };
+
+    #[inline(always)]
+    fn is_crowd(&self) -> bool {
+        self.crowd != Self::ALONE
     }
 
     /// Where in the block the clock stands: the sample's index in the upper 5 bits, then the fraction, Q27.
@@ -253,50 +96,14 @@ impl Flow {
 }
 
 impl Crowd {
-    /// `births` in a block, of `[pressure in Pa, β, width]`, whose random numbers are below `still`.
-    fn new(
-        births: f64,
-        [pressure, beta, width]: [f64; 3],
-        still: f64,
-        tuning: &Tuning,
-        sample_rate: f64,
-    ) -> Self {
-        let per_sample = births / BLOCK as f64;
-        // Moments of D over rnd < still, per still birth; depth is in `pressure`.
-        let first = libm::pow(still, beta) / (beta + 1.0);
-        let second = libm::pow(still, 2.0 * beta) / (2.0 * beta + 1.0);
-        let (words_mean, [aa, ab, bb]) = tuning.moments(sample_rate);
-        let a = libm::sqrt(aa);
-        let b = ab / a;
-        let c = libm::sqrt((bb - b * b).max(0.0));
-        let deviation = pressure * libm::sqrt(per_sample * second) / Random::ROUGH_DEVIATION;
-        // Pan is uniform over the width; sums over the audio path's own table.
-        let width = libm::round(width * 256.0) as i32;
-        let (mut mean, mut own, mut shared) = (0.0, 0.0, 0.0);
-        for draw in 0..256 {
-            let [left, right] = pan(draw, width).map(|gain| f64::from(gain) / 1_073_741_824.0);
-            mean += left / 256.0;
-            own += left * left / 256.0;
-            shared += left * right / 256.0;
-        }
-        let e0 = libm::sqrt(own);
-        let e1 = shared / e0;
-        let e2 = libm::sqrt((own - e1 * e1).max(0.0));
-        let level = pressure * per_sample * first;
-        // The rough normal number ends at 3.47 deviations; two of them make the second word.
-        let most = BLOCK as f64 * 1.5 * (level + 2.0 * 3.47 * Random::ROUGH_DEVIATION * deviation);
-        // What the resonator cannot take is held down.
-        let hold = (f64::from(STRIKES_MAX) / 134_217_728.0 / most).min(1.0);
-        Self {
-            births: to_fixed_u64(births, 32) as i64,
-            births_spread: to_fixed_u64(libm::sqrt(births) / Random::ROUGH_DEVIATION, 32) as i64,
-            mean: words_mean.map(|m| libm::round(libm::scalbn(level * hold * m, 58)) as i64),
-            spread: [a, b, c].map(|f| to_fixed(f * hold * deviation, 42)),
-            most: to_fixed_u64(hold * most, 27) as u32,
-            ear_mean: to_fixed(mean, 30),
-            ears: [e0, e1, e2].map(|e| to_fixed(e, 30)),
-        }
-    }
+    /// Nobody.
+    pub const NONE: Self = Self {
+        births: 0,
+        births_spread: 0,
+        mean: [0; 2],
+        spread: [0; 3],
+        most: 0,
+    };
 
     /// How many are born in a block: Poisson by its first three moments, which 32 births or more make exact enough to
     /// count with.
@@ -305,13 +112,13 @@ impl Crowd {
         // (z² − 1)/6, Q32; 2^48 over 6 squares of the rough normal's deviation is 32 768.
         let normal = i64::from(random.rough_normal());
         let skew = ((normal * normal) >> 1) - (1 << 32) / 6;
-        let drawn = self.births + normal * self.births_spread + skew;
+        let drawn = self.births + normal * i64::from(self.births_spread) + skew;
         ((drawn + (1 << 31)) >> 32).max(0) as u64
     }
 
     /// One sample's impulses, for both ears.
     #[inline(always)]
-    fn draw(&self, random: &mut Random) -> StrikeWords {
+    fn draw(&self, ears: &Ears, random: &mut Random) -> StrikeWords {
         let normals = [(); 2].map(|()| [(); 2].map(|()| i64::from(random.rough_normal())));
         let ear = |words: [i64; 2], part: [i64; 2]| {
             let [a, b, c] = self.spread.map(i64::from);
@@ -321,8 +128,8 @@ impl Crowd {
                 words[1].wrapping_add((x * b + y * c) << 16),
             ]
         };
-        let mean = self.mean.map(|m| (m >> 30) * i64::from(self.ear_mean));
-        let [e0, e1, e2] = self.ears.map(i64::from);
+        let mean = self.mean.map(|m| i64::from(m) * i64::from(ears.mean));
+        let [e0, e1, e2] = ears.factor.map(i64::from);
         let [p, q] = normals;
         let left = [(p[0] * e0) >> 30, (p[1] * e0) >> 30];
         let right = [(p[0] * e1 + q[0] * e2) >> 30, (p[1] * e1 + q[1] * e2) >> 30];
@@ -330,52 +137,6 @@ impl Crowd {
             left: ear(mean, left),
             right: ear(mean, right),
         }
-    }
-}
-
-impl Tuning {
-    /// Mean and second moments of both words of a bubble of amplitude 1, over a birth at any time in the sample.
-    fn moments(&self, sample_rate: f64) -> ([f64; 2], [f64; 3]) {
-        if self.form == Form::Silent {
-            return ([0.0; 2], [1.0, 0.0, 0.0]);
-        }
-        let (log, factor) = self.pole(sample_rate);
-        // A bubble is struck as it would have been at the sample before: w^f with w = 1/z.
-        let log = Complex {
-            re: -log.re,
-            im: -log.im,
-        };
-        let exp = |c: Complex| Complex {
-            re: libm::exp(c.re) * libm::cos(c.im),
-            im: libm::exp(c.re) * libm::sin(c.im),
-        };
-        let minus_one = |c: Complex| Complex {
-            re: c.re - 1.0,
-            im: c.im,
-        };
-        let double = Complex {
-            re: 2.0 * log.re,
-            im: 2.0 * log.im,
-        };
-        let mean = minus_one(exp(log)).div(log);
-        let square = minus_one(exp(double)).div(double);
-        let energy = libm::expm1(double.re) / double.re;
-        let one = Complex { re: 1.0, im: 0.0 };
-        let product = |a: Complex, b: Complex| {
-            let conj = Complex {
-                re: b.re,
-                im: -b.im,
-            };
-            0.5 * (a.mul(conj).re * energy - a.mul(b).mul(square).re)
-        };
-        (
-            [mean.im, factor.mul(mean).im],
-            [
-                product(one, one),
-                product(one, factor),
-                product(factor, factor),
-            ],
-        )
     }
 }
 
@@ -398,10 +159,24 @@ impl Turn<'_> {
     }
 }
 
+/// What a bank is tuned to.
+#[derive(Clone, Debug)]
+struct Table {
+    tuning: [Tuning; CLASSES],
+    /// The pitch of a class's rising bubbles.
+    pitch: [Pitch; CLASSES],
+}
+
+impl Table {
+    const SILENT: Self = Self {
+        tuning: [Tuning::SILENT; CLASSES],
+        pitch: [Pitch::SILENT; CLASSES],
+    };
+}
+
 /// One set of resonators.
 #[derive(Clone, Debug)]
 struct Bank {
-    tuning: [Tuning; CLASSES],
     state: [State; CLASSES],
     /// Which of them ring, a bit each.
     ringing: u64,
@@ -410,7 +185,6 @@ struct Bank {
 impl Bank {
     fn new() -> Self {
         Self {
-            tuning: [Tuning::SILENT; CLASSES],
             state: [State::SILENT; CLASSES],
             ringing: 0,
         }
@@ -418,13 +192,13 @@ impl Bank {
 
     /// Ends the block: how far all classes may swing from here, bus units.
     #[inline(always)]
-    fn settle(&mut self) -> u64 {
+    fn settle(&mut self, table: &Table) -> u64 {
         let mut swing = 0;
         let mut left = self.ringing;
         while left != 0 {
             let k = left.trailing_zeros() as usize;
             left &= left - 1;
-            let class = self.state[k].settle(&self.tuning[k]);
+            let class = self.state[k].settle(&table.tuning[k]);
             swing += class;
             if class == 0 {
                 self.ringing &= !(1 << k);
@@ -439,14 +213,24 @@ impl Bank {
         self.state.iter_mut().for_each(State::halve);
     }
 
-    /// Rings on with no births.
-    fn ring_out(&mut self, out: &mut Block) {
+    /// Rings on with no births, and decays faster by `hurry`, see [`Tuning::hurried`].
+    fn ring_out(&mut self, table: &Table, hurry: i32, out: &mut Block) {
         let mut left = self.ringing;
         while left != 0 {
             let k = left.trailing_zeros() as usize;
             left &= left - 1;
-            self.state[k].run(&self.tuning[k], out);
+            self.state[k].run(&table.tuning[k].hurried(hurry), out);
         }
+    }
+
+    /// No class rings.
+    fn silence(&mut self) {
+        let mut left = self.ringing;
+        while left != 0 {
+            self.state[left.trailing_zeros() as usize] = State::SILENT;
+            left &= left - 1;
+        }
+        self.ringing = 0;
     }
 
     /// Few births: the resonator runs from one to the next.
@@ -457,40 +241,46 @@ impl Bank {
         O: Observer,
     {
         let mut done = 0;
-        let settings = births.settings;
-        let mut turn = births.begin(k, &settings.flow[k], &settings.tuning[k]);
+        let (settings, table) = (births.settings, births.table);
+        let mut turn = births.begin(k, &settings.flow[k], &table.tuning[k]);
         while let Some((position, bits)) = births.next(&mut turn) {
             if let Some((sample, strike)) = births.birth(&mut turn, position, bits) {
-                self.ring(k, &mut out[done..=sample]);
+                self.ring(k, table, &mut out[done..=sample]);
                 done = sample + 1;
                 self.state[k].strike(strike);
                 self.ringing |= 1 << k;
             }
         }
         births.end(turn);
-        self.ring(k, &mut out[done..]);
+        self.ring(k, table, &mut out[done..]);
     }
 
     #[inline(always)]
-    fn ring(&mut self, k: usize, out: &mut [Frame]) {
+    fn ring(&mut self, k: usize, table: &Table, out: &mut [Frame]) {
         if self.ringing & (1 << k) != 0 {
-            self.state[k].run(&self.tuning[k], out);
+            self.state[k].run(&table.tuning[k], out);
         }
     }
 
     /// Many births, gathered before.
     #[inline(always)]
-    fn ring_struck(&mut self, k: usize, strikes: &Strikes, out: &mut Block) {
+    fn ring_struck(&mut self, k: usize, table: &Table, strikes: &Strikes, out: &mut Block) {
         self.ringing |= 1 << k;
-        run_struck(&self.tuning[k], &mut self.state[k], strikes, out);
+        run_struck(&table.tuning[k], &mut self.state[k], strikes, out);
     }
 
     /// The same for class `k` and the next one, of the same form.
     #[inline(always)]
-    fn ring_struck_pair(&mut self, k: usize, strikes: &[Strikes; 2], out: &mut Block) {
+    fn ring_struck_pair(
+        &mut self,
+        k: usize,
+        table: &Table,
+        strikes: &[Strikes; 2],
+        out: &mut Block,
+    ) {
         self.ringing |= 3 << k;
         let (one, two) = self.state.split_at_mut(k + 1);
-        let tuning = [&self.tuning[k], &self.tuning[k + 1]];
+        let tuning = [&table.tuning[k], &table.tuning[k + 1]];
         run_two_struck(tuning, [&mut one[k], &mut two[0]], strikes, out);
     }
 }
@@ -498,45 +288,55 @@ impl Bank {
 /// The population's state.
 #[derive(Clone, Debug)]
 pub struct Population {
-    settings: Settings,
     /// Births expected until the next one of a class, over ln 2, Q32.32.
     clock: [u64; CLASSES],
     random: Random,
     /// Births go to `banks[live]`; the other holds what rings on from before the last retuning.
     banks: [Bank; 2],
+    tables: [Table; 2],
     live: usize,
     /// Births that a block may have.
     births_per_block: u32,
+    /// How much faster a retired bank decays, see [`Tuning::hurried`].
+    hurry: i32,
     /// How far all classes may swing from here, bus units.
     swing: u32,
 }
 
 impl Population {
-    /// A silent population; `births_per_block` bounds the work of a block.
-    pub fn new(seed: u64, births_per_block: u32) -> Self {
+    /// A silent population at `sample_rate` Hz; `births_per_block` bounds the work of a block.
+    pub fn new(seed: u64, births_per_block: u32, sample_rate: f64) -> Self {
         let mut random = Random::new(seed, Stream::Population);
         Self {
-            settings: Settings::new(),
             clock: [(); CLASSES].map(|()| gap(random.bits())),
             random,
             banks: [Bank::new(), Bank::new()],
+            tables: [Table::SILENT; 2],
             live: 0,
             births_per_block,
+            hurry: to_fixed(2.0 * RETIRED_DECAY / sample_rate, 32),
             swing: 0,
         }
     }
 
-    /// Takes new settings. New radii are a new bank: what rings in the old one rings out there.
-    pub fn apply(&mut self, settings: &Settings) {
-        if settings.generation != self.settings.generation {
-            let old = &mut self.banks[self.live];
-            old.tuning = self.settings.retired;
-            self.live ^= 1;
-            let new = &mut self.banks[self.live];
-            *new = Bank::new();
-            new.tuning = settings.tuning;
+    /// Tunes some classes. Other radii are another bank: what rings in the old one rings out there.
+    pub fn tune(&mut self, slice: &Slice) {
+        let place = match slice.place {
+            Place::Live => self.live,
+            Place::Next => {
+                // What has not rung out by now is below the floor of hearing.
+                self.banks[self.live ^ 1].silence();
+                self.live ^ 1
+            }
+        };
+        let Table { tuning, pitch } = &mut self.tables[place];
+        let places = (tuning.iter_mut().zip(pitch)).skip(slice.first);
+        for ((tuning, pitch), class) in places.zip(&slice.classes) {
+            (*tuning, *pitch) = (class.tuning, class.pitch);
         }
-        self.settings.clone_from(settings);
+        if slice.switch {
+            self.live ^= 1;
+        }
     }
 
     /// Whether nothing rings.
@@ -548,6 +348,7 @@ impl Population {
     #[inline]
     pub fn render<S, O>(
         &mut self,
+        settings: &Settings,
         frame: u64,
         voices: &mut Voices<S>,
         stats: &mut Stats,
@@ -557,12 +358,15 @@ impl Population {
         S: AsRef<[Voice]> + AsMut<[Voice]>,
         O: Observer,
     {
-        self.banks[self.live ^ 1].ring_out(out);
+        let old = self.live ^ 1;
+        self.banks[old].ring_out(&self.tables[old], self.hurry, out);
         let room = self.room();
         let bank = &mut self.banks[self.live];
+        let table = &self.tables[self.live];
         let mut births = Births {
             frame,
-            settings: &self.settings,
+            settings,
+            table,
             random: &mut self.random,
             clock: &mut self.clock,
             left: self.births_per_block,
@@ -571,25 +375,25 @@ impl Population {
             stats,
             observer,
         };
-        let settings = &self.settings;
         let mut k = 0;
         while k < settings.classes {
             let pair = k + 1 < settings.classes
                 && settings.is_dense(k)
                 && settings.is_dense(k + 1)
-                && settings.tuning[k].form == settings.tuning[k + 1].form;
+                && table.tuning[k].form == table.tuning[k + 1].form;
             if pair {
-                bank.ring_struck_pair(k, &[births.gather(k), births.gather(k + 1)], out);
+                bank.ring_struck_pair(k, table, &[births.gather(k), births.gather(k + 1)], out);
                 k += 2;
             } else if settings.is_dense(k) {
-                bank.ring_struck(k, &births.gather(k), out);
+                bank.ring_struck(k, table, &births.gather(k), out);
                 k += 1;
             } else {
                 bank.ring_with(k, &mut births, out);
                 k += 1;
             }
         }
-        let mut swing: u64 = self.banks.iter_mut().map(Bank::settle).sum();
+        let banks = self.banks.iter_mut().zip(&self.tables);
+        let mut swing: u64 = banks.map(|(bank, table)| bank.settle(table)).sum();
         while swing > SWING_MAX {
             // Far beyond full scale: everything gives way at once, rather than wrap.
             self.banks.iter_mut().for_each(Bank::halve);
@@ -618,6 +422,7 @@ fn gap(bits: u32) -> u64 {
 struct Births<'a, S, O> {
     frame: u64,
     settings: &'a Settings,
+    table: &'a Table,
     random: &'a mut Random,
     clock: &'a mut [u64; CLASSES],
     /// Births that this block still takes.
@@ -652,9 +457,9 @@ where
     fn gather(&mut self, k: usize) -> Strikes {
         let mut strikes: Strikes = [StrikeWords::default(); BLOCK];
         // Copies: nothing else can change them, so that they stay in registers.
-        let (flow, tuning) = (self.settings.flow[k], self.settings.tuning[k]);
+        let (flow, tuning) = (self.settings.flow[k], self.table.tuning[k]);
         let mut turn = self.begin(k, &flow, &tuning);
-        if let Some(crowd) = &flow.crowd {
+        if let Some(crowd) = self.settings.crowd(k) {
             self.crowd(&mut turn, crowd, &mut strikes);
         }
         while let Some((position, bits)) = self.next(&mut turn) {
@@ -727,7 +532,7 @@ where
         } = *turn;
         let fraction = position & 0x07ff_ffff;
         let mut draw = bits;
-        if flow.crowd.is_some() {
+        if flow.is_crowd() {
             // The crowd has the softer ones.
             let span = u64::from(u32::MAX - law.crowd_below);
             draw = law.crowd_below + ((u64::from(bits) * span) >> 32) as u32;
@@ -769,9 +574,9 @@ where
         self.observer.birth(&Birth {
             frame: self.frame.wrapping_add(u64::from(position >> 27)),
             fraction: position & 0x07ff_ffff,
-            radius: self.settings.tuning[k].radius,
+            radius: self.table.tuning[k].radius,
             rise_factor: if rises {
-                self.settings.pitch[k].rise_factor
+                self.table.pitch[k].rise_factor
             } else {
                 0.0
             },
@@ -789,7 +594,7 @@ where
         let gain = pan.map(|gain| ((pressure * gain as u64) >> 30).min(i32::MAX as u64) as i32);
         let age = (1 << 27) - (position & 0x07ff_ffff);
         let delay = (position >> 27) + 1;
-        let voice = self.settings.pitch[k].start(age, delay, gain);
+        let voice = self.table.pitch[k].start(age, delay, gain);
         let start = self.voices.start(voice);
         let stats = &mut *self.stats;
         stats.rising = stats.rising.wrapping_add(1);
@@ -829,7 +634,7 @@ where
             return;
         }
         for (i, strike) in strikes.iter_mut().enumerate() {
-            *strike = crowd.draw(&mut turn.random);
+            *strike = crowd.draw(&self.settings.ears, &mut turn.random);
             let i = i as u64;
             self.observer.crowd(&CrowdSeen {
                 frame: self.frame.wrapping_add(i),

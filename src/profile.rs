@@ -1,5 +1,7 @@
 //! What a board can hold: a set of compile-time capacities.
 
+use crate::population::Crowd;
+use crate::update::Update;
 use crate::voices::Voice;
 
 /// A board's capacities. The same profile, seed, scene and events give the same samples on every machine.
@@ -16,10 +18,15 @@ pub trait Profile: Clone + Send + core::fmt::Debug {
     type Voices: AsRef<[Voice]> + AsMut<[Voice]> + Clone + Send + core::fmt::Debug;
     /// `VOICES` idle slots.
     fn voices() -> Self::Voices;
+    /// What goes between control and audio path, with room for `MAX_RATE` over the sample rate crowds.
+    type Update: AsRef<Update> + AsMut<Update> + Clone + Send + core::fmt::Debug;
+    /// An empty one.
+    fn update() -> Self::Update;
 }
 
 macro_rules! board {
-    ($(#[$doc:meta])* $type:ident, $name:literal, $voices:literal, $rate:literal, $births:literal) => {
+    ($(#[$doc:meta])* $type:ident, $name:literal, $voices:literal, $rate:literal, $births:literal,
+     $crowds:literal) => {
         $(#[$doc])*
         #[derive(Clone, Copy, Debug)]
         pub struct $type;
@@ -33,19 +40,23 @@ macro_rules! board {
             fn voices() -> Self::Voices {
                 [Voice::default(); $voices]
             }
+            type Update = Update<[Crowd; $crowds]>;
+            fn update() -> Self::Update {
+                Update::new()
+            }
         }
     };
 }
 
 board!(
     /// STM32F411, 100 MHz.
-    F411, "f411", 32, 100_000.0, 160
+    F411, "f411", 32, 100_000.0, 160, 2
 );
 board!(
     /// STM32F407, 168 MHz.
-    F407, "f407", 64, 200_000.0, 280
+    F407, "f407", 64, 200_000.0, 280, 4
 );
 board!(
     /// STM32H743, 480 MHz.
-    H743, "h743", 256, 500_000.0, 600
+    H743, "h743", 256, 500_000.0, 600, 10
 );

@@ -1,5 +1,7 @@
 //! A seeded generator: xoroshiro64* (Blackman and Vigna), six instructions a draw on a 32-bit core.
 
+use crate::fixed::cosine;
+
 /// Each part of the instrument has a stream of its own, so that none disturbs another.
 #[derive(Clone, Copy, Debug)]
 pub enum Stream {
@@ -52,19 +54,19 @@ impl Random {
     }
 
     /// A uniform number in (0, 1). Control path only.
-    pub fn uniform(&mut self) -> f64 {
-        (f64::from(self.bits()) + 0.5) / 4_294_967_296.0
+    pub fn uniform(&mut self) -> f32 {
+        ((self.bits() >> 9) as f32 + 0.5) / 8_388_608.0
     }
 
     /// A standard exponential number. Control path only.
-    pub fn exponential(&mut self) -> f64 {
-        -libm::log(self.uniform())
+    pub fn exponential(&mut self) -> f32 {
+        -libm::logf(self.uniform())
     }
 
     /// A standard normal number (Box–Muller). Control path only.
-    pub fn normal(&mut self) -> f64 {
-        let radius = libm::sqrt(2.0 * self.exponential());
-        radius * libm::cos(2.0 * core::f64::consts::PI * self.uniform())
+    pub fn normal(&mut self) -> f32 {
+        let radius = libm::sqrtf(2.0 * self.exponential());
+        radius * cosine(self.uniform())
     }
 
     /// A number of about normal distribution in the audio path: mean 0, deviation [`Self::ROUGH_DEVIATION`],

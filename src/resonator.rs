@@ -4,7 +4,7 @@
 //! pitch and decay to 1e-7 where a two-pole would lose them; above it a *direct* two-pole. State words are Q32.32 of
 //! bus units, so that a long tail loses nothing to rounding.
 
-use crate::bubble::Bubble;
+use crate::bubble::Ringing;
 use crate::fixed::to_fixed;
 use crate::frame::{BLOCK, Block, Frame};
 
@@ -53,19 +53,13 @@ pub struct Tuning {
 
 /// A complex number, for the few lines of tuning that want one.
 #[derive(Clone, Copy)]
-pub(crate) struct Complex {
-    pub re: f64,
-    pub im: f64,
+struct Complex {
+    re: f64,
+    im: f64,
 }
 
 impl Complex {
-    pub fn mul(self, o: Self) -> Self {
-        Self {
-            re: self.re * o.re - self.im * o.im,
-            im: self.re * o.im + self.im * o.re,
-        }
-    }
-    pub fn div(self, o: Self) -> Self {
+    fn div(self, o: Self) -> Self {
         let n = o.re * o.re + o.im * o.im;
         Self {
             re: (self.re * o.re + self.im * o.im) / n,
@@ -90,20 +84,23 @@ impl Tuning {
 
     /// The resonator of a bubble of `radius` metres at `rate` Hz.
     pub fn new(radius: f32, rate: f64) -> Self {
-        let bubble = Bubble::new(f64::from(radius));
-        let theta = bubble.omega_d() / rate;
-        let beta = bubble.beta / rate;
-        let turns = theta / (2.0 * core::f64::consts::PI);
-        if turns > PITCH_LIMIT {
+        Self::of(&Ringing::new(radius, rate))
+    }
+
+    /// The resonator of a bubble.
+    pub fn of(ringing: &Ringing) -> Self {
+        let radius = ringing.radius;
+        if ringing.turns > PITCH_LIMIT {
             return Self {
                 radius,
                 ..Self::SILENT
             };
         }
-        let rho = libm::exp(-beta);
+        let rho = 1.0 - ringing.loss;
+        let (sine, cosine) = libm::sincos(ringing.angle);
         let z = Complex {
-            re: rho * libm::cos(theta),
-            im: rho * libm::sin(theta),
+            re: rho * cosine,
+            im: rho * sine,
         };
         let det = rho * rho;
         // |1 − z|, the circle's coupling.
@@ -120,8 +117,8 @@ impl Tuning {
             // Truncation sustains a cycle of at most 1/(1 − ρ²) units.
             let floor = 4 + (1.0 / (1.0 - det)) as i32;
             let c0 = to_fixed(2.0 * z.re, 30);
-            let half = theta / 2.0;
-            let swing = 1.0 / libm::sin(half).min(libm::cos(half));
+            // Sine and cosine of half the angle.
+            let swing = 1.0 / libm::sqrt((1.0 - cosine.abs()) / 2.0);
             (Form::Direct, c0, to_fixed(-det, 30), second, floor, swing)
         };
         Self {
@@ -130,8 +127,8 @@ impl Tuning {
             c0,
             c1,
             second: [to_fixed(second.re, 30), to_fixed(second.im, 30)],
-            step: to_fixed(turns, 32) as u32,
-            decay: to_fixed(beta * core::f64::consts::LOG2_E, 31) as u32,
+            step: to_fixed(ringing.turns, 32) as u32,
+            decay: to_fixed(ringing.decay * core::f64::consts::LOG2_E, 31) as u32,
             floor,
             swing: libm::ceil(8.0 * swing) as u32,
         }
@@ -157,10 +154,11 @@ impl Tuning {
         (sine, (second >> 31) as i32)
     }
 
-    /// The same class, ringing out at least as fast as `extra` 1/sample: what a retired bank does.
-    pub fn hurried(mut self, extra: f64) -> Self {
+    /// The same class, decaying faster: what a retired bank does. `hurry` is twice the further decay a sample, Q32.
+    #[inline(always)]
+    pub fn hurried(mut self, hurry: i32) -> Self {
         if self.form == Form::Circle {
-            self.c1 -= to_fixed(2.0 * extra, 32);
+            self.c1 -= hurry;
         }
         self
     }
@@ -169,17 +167,6 @@ impl Tuning {
     pub fn second_word(&self) -> [f64; 2] {
         self.second
             .map(|factor| f64::from(factor) * libm::exp2(-30.0))
-    }
-
-    /// ln of the pole and the factor of the second word, for the moments of a crowd.
-    pub(crate) fn pole(&self, rate: f64) -> (Complex, Complex) {
-        let bubble = Bubble::new(f64::from(self.radius));
-        let log = Complex {
-            re: -bubble.beta / rate,
-            im: bubble.omega_d() / rate,
-        };
-        let [re, im] = self.second_word();
-        (log, Complex { re, im })
     }
 }
 

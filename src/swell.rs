@@ -1,16 +1,17 @@
 //! Waves that come and go: a slow, irregular envelope of the birth rate. Control path.
 
+use crate::fixed::cosine;
 use crate::random::{Random, Stream};
 
 /// What the swell needs of the parameters; see the parameter table.
 #[derive(Clone, Copy, Debug)]
 pub struct Settings {
     /// Mean time from wave to wave, s.
-    pub period: f64,
+    pub period: f32,
     /// From 0 to 1.
-    pub irregularity: f64,
+    pub irregularity: f32,
     /// Part of a wave in which it grows.
-    pub attack: f64,
+    pub attack: f32,
 }
 
 /// The wave under way.
@@ -18,10 +19,10 @@ pub struct Settings {
 pub struct Swell {
     random: Random,
     /// How far the wave has come, from 0 to 1.
-    at: f64,
+    at: f32,
     /// Its length in periods, and its height.
-    length: f64,
-    height: f64,
+    length: f32,
+    height: f32,
 }
 
 impl Swell {
@@ -38,7 +39,7 @@ impl Swell {
     }
 
     /// Goes on by `seconds` and returns how high the water stands, from 0 to 1.
-    pub fn advance(&mut self, seconds: f64, settings: &Settings) -> f64 {
+    pub fn advance(&mut self, seconds: f32, settings: &Settings) -> f32 {
         self.at += seconds / (settings.period * self.length).max(0.05);
         if self.at >= 1.0 {
             self.at -= 1.0;
@@ -56,6 +57,6 @@ impl Swell {
         } else {
             (1.0 - self.at) / (1.0 - attack)
         };
-        self.height * 0.5 * (1.0 - libm::cos(core::f64::consts::PI * part))
+        self.height * 0.5 * (1.0 - cosine(0.5 * part))
     }
 }

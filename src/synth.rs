@@ -1,6 +1,6 @@
 //! The instrument: [`Synth`] is the audio path, [`Instrument`] is the audio path with its control path.
 
-use crate::control::{Control, Update};
+use crate::control::Control;
 use crate::frame::{BLOCK, BLOCKS_PER_TICK, Block, Frame};
 use crate::mix::{Mix, Output};
 use crate::observer::{Birth, Observer, Path};
@@ -8,6 +8,7 @@ use crate::population::Population;
 use crate::profile::Profile;
 use crate::scene::Scene;
 use crate::stats::Stats;
+use crate::update::Update;
 use crate::voices::{Start, Strike, Voices};
 
 /// The audio path: every source, then the mix. Integer arithmetic only.
@@ -18,34 +19,38 @@ pub struct Synth<P: Profile> {
     mix: Mix,
     stats: Stats,
     frame: u64,
+    /// Which of the update's strikes is next.
+    next_strike: usize,
 }
 
 impl<P: Profile> Synth<P> {
     /// A silent instrument that starts with the settings of `control`.
     pub fn new(seed: u64, output: Output, control: &Control, sample_rate: u32) -> Self {
-        let (water, mix) = control.settings();
-        let mut synth = Self {
-            population: Population::new(seed, P::BIRTHS_PER_BLOCK),
+        let sample_rate = f64::from(sample_rate);
+        let mut population = Population::new(seed, P::BIRTHS_PER_BLOCK, sample_rate);
+        for slice in control.slices() {
+            population.tune(&slice);
+        }
+        Self {
+            population,
             voices: Voices::new(P::voices()),
-            mix: Mix::new(output, seed, mix, f64::from(sample_rate)),
+            mix: Mix::new(output, seed, &control.mix(), sample_rate),
             stats: Stats::default(),
             frame: 0,
-        };
-        synth.population.apply(water);
-        synth
+            next_strike: 0,
+        }
     }
 
-    /// Takes what a tick of the control path changed, before the tick's first block.
-    pub fn apply<O: Observer>(&mut self, update: &Update<'_>, observer: &mut O) {
-        if let Some(water) = update.water {
-            self.population.apply(water);
+    /// Takes what a tick of the control path changed, before the tick's first block. From here on the update is in
+    /// force, until the next one is applied; where that is late, it just stays so.
+    pub fn apply(&mut self, update: &Update) {
+        if let Some(slice) = &update.slice {
+            self.population.tune(slice);
         }
-        if let Some(mix) = update.mix {
+        if let Some(mix) = &update.mix {
             self.mix.apply(mix);
         }
-        for strike in update.strikes {
-            self.strike(strike, observer);
-        }
+        self.next_strike = 0;
     }
 
     /// Sounds a single bubble, counted from the next block's first frame.
@@ -84,16 +89,22 @@ impl<P: Profile> Synth<P> {
         });
     }
 
-    /// Renders one block.
-    pub fn render<O: Observer>(&mut self, block: &mut Block, observer: &mut O) {
+    /// Renders one block under the `update` that is in force.
+    pub fn render<O: Observer>(&mut self, update: &Update, block: &mut Block, observer: &mut O) {
         *block = [Frame::ZERO; BLOCK];
+        // One in a block: there are fewer than blocks, and none is due before the tick is over.
+        if let Some(strike) = update.strikes.get(self.next_strike) {
+            let delay = strike.delay - (self.next_strike * BLOCK) as u32;
+            self.next_strike += 1;
+            self.strike(&Strike { delay, ..*strike }, observer);
+        }
         let Self {
             population,
             voices,
             stats,
             ..
         } = self;
-        population.render(self.frame, voices, stats, observer, block);
+        population.render(&update.water, self.frame, voices, stats, observer, block);
         if voices.sounding() > 0 {
             // Each source keeps itself within the bus; together they might pass it.
             let mut ears = [[0; BLOCK]; 2];
@@ -141,6 +152,9 @@ pub struct Instrument<P: Profile> {
     /// Parameters.
     pub control: Control,
     synth: Synth<P>,
+    /// One of them is in force, the other is what comes next.
+    updates: [P::Update; 2],
+    live: usize,
     /// Blocks rendered of this tick.
     blocks: usize,
     block: Block,
@@ -151,10 +165,14 @@ pub struct Instrument<P: Profile> {
 impl<P: Profile> Instrument<P> {
     /// Playing `scene` from its first frame.
     pub fn new(scene: &Scene, sample_rate: u32, seed: u64, output: Output) -> Self {
-        let control = Control::new(scene, sample_rate, P::MAX_RATE, seed);
+        let mut control = Control::new(scene, sample_rate, P::MAX_RATE, seed);
+        let mut updates = [P::update(), P::update()];
+        control.tick(updates[1].as_mut());
         Self {
             synth: Synth::new(seed, output, &control, sample_rate),
             control,
+            updates,
+            live: 0,
             blocks: 0,
             block: [Frame::ZERO; BLOCK],
             given: BLOCK,
@@ -182,12 +200,14 @@ impl<P: Profile> Instrument<P> {
 
     fn next_block<O: Observer>(&mut self, observer: &mut O) {
         if self.blocks == 0 {
-            self.synth.apply(&self.control.update(), observer);
+            self.live ^= 1;
+            self.synth.apply(self.updates[self.live].as_ref());
             // A board computes this while the tick sounds; here it is there at once, and waits.
-            self.control.tick();
+            self.control.tick(self.updates[self.live ^ 1].as_mut());
         }
         self.blocks = (self.blocks + 1) % BLOCKS_PER_TICK;
-        self.synth.render(&mut self.block, observer);
+        let update = self.updates[self.live].as_ref();
+        self.synth.render(update, &mut self.block, observer);
         self.given = 0;
     }
 

@@ -5,7 +5,7 @@
 
 use core::ops::Range;
 
-use crate::bubble::Bubble;
+use crate::bubble::Ringing;
 use crate::fixed::{ATTACK, mul_high, mul_high_down, sine, to_fixed, to_fixed_u64};
 use crate::frame::BLOCK;
 use crate::resonator::PITCH_LIMIT;
@@ -70,9 +70,18 @@ impl Pitch {
 
     /// The pitch of a bubble of `radius` metres and rise factor `rise_factor` at `rate` Hz.
     pub fn new(radius: f32, rise_factor: f32, rate: f64) -> Self {
-        let bubble = Bubble::new(f64::from(radius));
-        let turns = bubble.pitch() / rate;
-        let beta = bubble.beta / rate;
+        Self::of(&Ringing::new(radius, rate), rise_factor)
+    }
+
+    /// The pitch of a bubble of rise factor `rise_factor`.
+    pub fn of(ringing: &Ringing, rise_factor: f32) -> Self {
+        let Ringing {
+            radius,
+            turns,
+            decay: beta,
+            loss,
+            ..
+        } = *ringing;
         if turns > PITCH_LIMIT {
             return Self {
                 radius,
@@ -91,6 +100,8 @@ impl Pitch {
             (0, 0)
         };
         let begin = to_fixed_u64(turns, 64);
+        // Kept over a block, by squaring.
+        let keep = (0..BLOCK.ilog2()).fold(1.0 - loss, |keep, _| keep * keep);
         // The cap as the fixed-point ramp reaches it, so that the pitch has no step there.
         let limit = begin + ((u128::from(slope) * u128::from(ramp)) >> 32) as u64;
         Self {
@@ -100,8 +111,8 @@ impl Pitch {
             limit,
             slope,
             ramp,
-            keep: to_fixed_u64(libm::exp(-beta * BLOCK as f64), 32).min(u64::from(u32::MAX)) as u32,
-            loss: to_fixed(-libm::expm1(-beta), 32),
+            keep: to_fixed_u64(keep, 32).min(u64::from(u32::MAX)) as u32,
+            loss: to_fixed(loss, 32),
             decay: to_fixed(beta, 31) as u32,
         }
     }

@@ -11,11 +11,12 @@ use common::{desk, scene, with};
 use freshet::mix::Output;
 use freshet::observer::{Birth, Crowd, Observer};
 use freshet::param;
+use freshet::population;
 use freshet::profile::Profile;
 use freshet::scene::Scene;
 use freshet::stats::Stats;
 use freshet::voices::Voice;
-use freshet::{BLOCK, Frame, Instrument, TICK};
+use freshet::{BLOCK, Frame, Instrument, TICK, Update};
 use freshet_host::births::{Births, Sound, SoundPath};
 use freshet_host::board::{Board, Player};
 use statrs::distribution::{ChiSquared, ContinuousCDF};
@@ -848,6 +849,10 @@ impl Profile for Small {
     type Voices = [Voice; 32];
     fn voices() -> Self::Voices {
         [Voice::default(); 32]
+    }
+    type Update = Update<[population::Crowd; 1]>;
+    fn update() -> Self::Update {
+        Update::new()
     }
 }
 

@@ -193,7 +193,7 @@ fn find_planted(remainder: &[[f64; 2]], peak: f64, rate: u32, planted: f64) -> f
     let mut weakest = f64::INFINITY;
     for _ in 0..100 {
         let room = (remainder.len() - 4 * reach) as f64;
-        let place = 2 * reach + (random.uniform() * room) as usize;
+        let place = 2 * reach + (f64::from(random.uniform()) * room) as usize;
         let ear = usize::from(random.uniform() < 0.5);
         let jump = peak * 10f64.powf(planted / 20.0);
         let mut part = remainder[place - 2 * reach..place + 2 * reach].to_vec();
@@ -441,7 +441,7 @@ fn other_scenes() {
                 moves.push(at(tick, move |control: &mut Control| control.load(scene)));
                 tick += gap;
             }
-            let take = Take::new(Board::Desk, &all[2], rate, tick + 60, &moves);
+            let take = Take::new(Board::Desk, &all[2], rate, tick + 180, &moves);
             let figure = take.checked_click_db(PLANTED_DB, CLICK_DB);
             println!("{rate:>6} Hz, {gaps:?} ticks apart: {figure:.1} dB");
             worst = worst.max(figure);

@@ -87,7 +87,7 @@ fn line(x: impl ExactSizeIterator<Item = f64>, hertz: f64, rate: f64) -> f64 {
 #[test]
 fn no_peak_passes_full_scale_up_to_30_db_over_it() {
     let mut random = Random::new(1, Stream::Population);
-    let mut draw = move || random.uniform();
+    let mut draw = move || f64::from(random.uniform());
     let (mut most, mut held) = (0, 0);
     for rate in [8_000.0, 48_000.0, 192_000.0] {
         for over in [0.01, 1.0, 6.0, 12.0, 20.0, 30.0] {
@@ -208,7 +208,7 @@ fn a_drip_does_not_pump_the_bed_and_a_roar_lets_go_slowly() {
     // Three seconds of noise whose peaks are 12 dB over.
     let mut random = Random::new(3, Stream::Population);
     let noise: Vec<f64> = (0..ms(3000.0))
-        .map(|_| 8.0 * random.uniform() - 4.0)
+        .map(|_| 8.0 * f64::from(random.uniform()) - 4.0)
         .collect();
     let roar = held_down(ms(8000.0), |n| noise.get(n).copied().unwrap_or(0.0));
     let end = ms(3000.0);
@@ -323,7 +323,7 @@ fn no_tone_is_transparent_to_the_bit() {
     // The dither may move a word by less than 1.5 bits and hides what is smaller; so the mean is taken too.
     let mut random = Random::new(4, Stream::Population);
     let noise: Vec<f64> = (0..1 << 19)
-        .map(|_| dbfs(-6.0) * (random.uniform() - 0.5))
+        .map(|_| dbfs(-6.0) * (f64::from(random.uniform()) - 0.5))
         .collect();
     let signal = mono(noise.len(), |n| noise[n]);
     let errors = errors(&signal, Output::Bits24, 0.0);

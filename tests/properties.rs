@@ -6,9 +6,10 @@ mod common;
 use std::cell::RefCell;
 use std::fmt;
 
-use freshet::fixed::PASCAL;
+use freshet::fixed::{PASCAL, reciprocal};
 use freshet::mix::Output;
 use freshet::param::{self, COUNT, Kind, TABLE};
+use freshet::random::{Random, Stream};
 use freshet::scene::{IntensityCurve, Scene};
 use freshet::stats::Stats;
 use freshet::voices::{Pitch, Strike};
@@ -439,4 +440,17 @@ fn the_loudest_big_bubbles_do_not_wrap_around() {
 fn the_loudest_small_bubbles_do_not_wrap_around() {
     // They may move it by any step. But a population keeps itself within 30 Pa, and what wraps is anywhere.
     loud_water(false, |peak, _| peak <= 30 * PASCAL as u32);
+}
+
+#[test]
+fn a_reciprocal_is_the_quotient_of_64_bits() {
+    let mut random = Random::new(1, Stream::Population);
+    let ends = [1 << 31, (1 << 31) + 1, u32::MAX - 1, u32::MAX];
+    let near =
+        (0..=u32::from(u16::MAX)).flat_map(|n| [n << 16 | 0x8000_0000, n << 15 | 0xffff_0000]);
+    let any = (0..1_000_000).map(|_| random.bits() | 1 << 31);
+    for divisor in ends.into_iter().chain(near).chain(any) {
+        let quotient = i64::MAX as u64 / u64::from(divisor);
+        assert_eq!(u64::from(reciprocal(divisor)), quotient, "{divisor:#x}");
+    }
 }

@@ -4,11 +4,12 @@ use clap::ValueEnum;
 use freshet::control::Control;
 use freshet::mix::Output;
 use freshet::observer::Observer;
+use freshet::population::{CLASSES, Crowd};
 use freshet::profile::{F407, F411, H743, Profile};
 use freshet::scene::Scene;
 use freshet::stats::Stats;
 use freshet::voices::{Strike, Voice};
-use freshet::{Frame, Instrument};
+use freshet::{Frame, Instrument, Update};
 
 /// The desk's capacities: 12 288 voices sounding, a million births a second.
 #[derive(Clone, Copy, Debug)]
@@ -22,6 +23,11 @@ impl Profile for Desk {
     type Voices = Box<[Voice]>;
     fn voices() -> Self::Voices {
         vec![Voice::default(); Self::VOICES].into_boxed_slice()
+    }
+    /// Any class may be a crowd: sample rates go down to 8 kHz.
+    type Update = Update<[Crowd; CLASSES]>;
+    fn update() -> Self::Update {
+        Update::new()
     }
 }
 
