@@ -7,8 +7,8 @@ use critical_section::Mutex;
 use embassy_executor::InterruptExecutor;
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_sync::signal::Signal;
-use freshet::control::Control;
 use freshet::frame::BLOCKS_PER_TICK;
+use freshet::profile::Profile;
 use freshet::{BLOCK, Block, Frame, Synth};
 
 use crate::board::Capacity;
@@ -28,14 +28,17 @@ static MISSED: AtomicU32 = AtomicU32::new(0);
 /// Frames of the fade after a fault (5 ms): a power of two.
 const FADE: u32 = 256;
 
-/// The control path with what it computed for the next tick; audio gives it back when it has taken that.
-static READY: Mutex<RefCell<Option<&'static mut Control>>> = Mutex::new(RefCell::new(None));
-static TAKEN: Signal<CriticalSectionRawMutex, &'static mut Control> = Signal::new();
+/// What a board's control path fills in for a tick.
+pub type Update = <Capacity as Profile>::Update;
 
-/// Hands the control path over, its next tick computed, and waits until audio has taken the tick.
-pub async fn exchange(control: &'static mut Control) -> &'static mut Control {
-    critical_section::with(|cs| READY.borrow_ref_mut(cs).replace(control));
-    TAKEN.wait().await
+/// The update of the next tick, and the one that is no longer in force: they change places.
+static READY: Mutex<RefCell<Option<&'static mut Update>>> = Mutex::new(RefCell::new(None));
+static DONE: Signal<CriticalSectionRawMutex, &'static mut Update> = Signal::new();
+
+/// Hands over the update of the next tick, and waits until it is in force; returns the one that was before.
+pub async fn exchange(update: &'static mut Update) -> &'static mut Update {
+    critical_section::with(|cs| READY.borrow_ref_mut(cs).replace(update));
+    DONE.wait().await
 }
 
 /// Ticks for which control had nothing ready.
@@ -43,11 +46,12 @@ pub fn missed() -> u32 {
     MISSED.load(Relaxed)
 }
 
-/// Plays for ever.
+/// Plays for ever; `update` is in force at first.
 #[embassy_executor::task]
-pub async fn run(synth: &'static mut Synth<Capacity>) {
+pub async fn run(synth: &'static mut Synth<Capacity>, update: &'static mut Update) {
     let mut player = Player {
         synth,
+        update: Some(update),
         blocks: 0,
         fade: 0,
         late: 0,
@@ -68,6 +72,8 @@ pub async fn run(synth: &'static mut Synth<Capacity>) {
 /// What the audio task keeps from block to block.
 struct Player {
     synth: &'static mut Synth<Capacity>,
+    /// What is in force; none only while two change places.
+    update: Option<&'static mut Update>,
     /// Blocks of this tick.
     blocks: usize,
     /// Frames left of the fade after a fault.
@@ -81,11 +87,13 @@ impl Player {
     #[inline(never)]
     fn play(&mut self) {
         if self.blocks == 0 {
-            take_tick(self.synth);
+            self.take_tick();
         }
         self.blocks = (self.blocks + 1) % BLOCKS_PER_TICK;
         let mut block: Block = [Frame::ZERO; BLOCK];
-        self.synth.render(&mut block, &mut ());
+        if let Some(update) = &self.update {
+            self.synth.render(&**update, &mut block, &mut ());
+        }
         let late = i2s::faults().late;
         if late != self.late {
             self.late = late;
@@ -97,16 +105,18 @@ impl Player {
         i2s::hand_in(&block);
         CLIPPED.store(self.synth.stats().clipped as u32, Relaxed);
     }
-}
 
-/// Takes what control computed for this tick.
-fn take_tick(synth: &mut Synth<Capacity>) {
-    let Some(control) = critical_section::with(|cs| READY.borrow_ref_mut(cs).take()) else {
-        MISSED.fetch_add(1, Relaxed);
-        return;
-    };
-    synth.apply(&control.update(), &mut ());
-    TAKEN.signal(control);
+    /// Takes what control computed for this tick.
+    fn take_tick(&mut self) {
+        let Some(next) = critical_section::with(|cs| READY.borrow_ref_mut(cs).take()) else {
+            MISSED.fetch_add(1, Relaxed);
+            return;
+        };
+        self.synth.apply(next);
+        if let Some(last) = self.update.replace(next) {
+            DONE.signal(last);
+        }
+    }
 }
 
 /// Fades in with `left` frames of the fade to go; returns how many are left then.

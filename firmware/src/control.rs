@@ -8,9 +8,9 @@ use freshet::Synth;
 use freshet::control::Control;
 use freshet::mix::Output;
 use freshet::profile::Profile;
-use static_cell::StaticCell;
+use static_cell::{ConstStaticCell, StaticCell};
 
-use crate::audio;
+use crate::audio::{self, Update};
 use crate::board::{self, Capacity};
 use crate::clock::SAMPLE_RATE;
 use crate::flash::Scenes;
@@ -22,6 +22,10 @@ enum Wish {
     NextScene,
 }
 
+/// Both updates stand in flash as they are at first: no stack would hold them on the way.
+static UPDATES: ConstStaticCell<[Update; 2]> =
+    ConstStaticCell::new([Update::new(), Update::new()]);
+
 static WISHES: Channel<CriticalSectionRawMutex, Wish, 8> = Channel::new();
 
 /// Reads the scenes and starts the sound.
@@ -31,8 +35,10 @@ pub fn start(button: board::Button, spawner: Spawner) {
     let seed = scenes.seed();
     let control = first_control(&scenes, seed);
     let synth = first_synth(control, seed);
-    board::spawner().spawn(unwrap(audio::run(synth)));
-    spawner.spawn(unwrap(run(control, scenes)));
+    let [first, next] = UPDATES.take().each_mut();
+    tick(control, next);
+    board::spawner().spawn(unwrap(audio::run(synth, first)));
+    spawner.spawn(unwrap(run(control, next, scenes)));
     spawner.spawn(unwrap(watch(button)));
 }
 
@@ -60,25 +66,29 @@ fn unwrap<T>(token: Result<T, embassy_executor::SpawnError>) -> T {
 
 /// One tick after another.
 #[embassy_executor::task]
-async fn run(mut control: &'static mut Control, scenes: Scenes) {
+async fn run(
+    control: &'static mut Control,
+    mut update: &'static mut Update,
+    scenes: Scenes,
+) {
     let mut playing = scenes.first();
     loop {
-        control = audio::exchange(control).await;
+        update = audio::exchange(update).await;
         while let Ok(Wish::NextScene) = WISHES.try_receive() {
             playing = (playing + 1) % scenes.count();
             let (name, scene) = scenes.scene(playing);
             control.load(&scene);
             log::info!("scene {}", name);
         }
-        tick(control);
+        tick(control, update);
         supervisor::check_in(Client::Control);
     }
 }
 
 /// Computes the next tick. A function of its own, so that it can be found and measured.
 #[inline(never)]
-fn tick(control: &mut Control) {
-    control.tick();
+fn tick(control: &mut Control, update: &mut Update) {
+    control.tick(update);
 }
 
 /// Waits for the button.
