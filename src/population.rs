@@ -30,7 +30,7 @@ pub const CROWD: f32 = 1.0;
 /// No bubble of a class is louder than this, Pa: twice full scale.
 pub const CLASS_MAX_PA: f32 = 2.0;
 /// From this many births a block (over ln 2, Q32.32) they are gathered before the resonator runs.
-const CROSSOVER: u64 = 6 << 32;
+const CROSSOVER: u64 = 16 << 32;
 /// A retired bank rings out at least this fast, 1/s.
 const RETIRED_DECAY: f64 = 60.0;
 
@@ -234,7 +234,8 @@ impl Bank {
     }
 
     /// Few births: the resonator runs from one to the next.
-    #[inline(always)]
+    #[cfg_attr(target_arch = "arm", inline(never))]
+    #[cfg_attr(not(target_arch = "arm"), inline(always))]
     fn ring_with<S, O>(&mut self, k: usize, births: &mut Births<'_, S, O>, out: &mut Block)
     where
         S: AsRef<[Voice]> + AsMut<[Voice]>,
@@ -387,6 +388,9 @@ impl Population {
             } else if settings.is_dense(k) {
                 bank.ring_struck(k, table, &births.gather(k), out);
                 k += 1;
+            } else if births.waits(k) {
+                bank.ring(k, table, out);
+                k += 1;
             } else {
                 bank.ring_with(k, &mut births, out);
                 k += 1;
@@ -452,8 +456,19 @@ where
     S: AsRef<[Voice]> + AsMut<[Voice]>,
     O: Observer,
 {
-    /// All births of class `k` in this block.
+    /// Whether class `k` has no birth in this block; its clock is then a block on.
     #[inline(always)]
+    fn waits(&mut self, k: usize) -> bool {
+        let left = self.clock[k].checked_sub(self.settings.flow[k].per_block);
+        if let Some(left) = left {
+            self.clock[k] = left;
+        }
+        left.is_some()
+    }
+
+    /// All births of class `k` in this block.
+    #[cfg_attr(target_arch = "arm", inline(never))]
+    #[cfg_attr(not(target_arch = "arm"), inline(always))]
     fn gather(&mut self, k: usize) -> Strikes {
         let mut strikes: Strikes = [StrikeWords::default(); BLOCK];
         // Copies: nothing else can change them, so that they stay in registers.

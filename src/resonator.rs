@@ -173,8 +173,7 @@ impl Tuning {
 /// The pair's state: two words an ear, Q32.32 of bus units.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct State {
-    left: [i64; 2],
-    right: [i64; 2],
+    ears: [[i64; 2]; 2],
 }
 
 /// What is added to the four words after one sample, Q32.32 of bus units.
@@ -219,34 +218,52 @@ impl StrikeWords {
 
 impl State {
     /// At rest.
-    pub const SILENT: Self = Self {
-        left: [0; 2],
-        right: [0; 2],
-    };
+    pub const SILENT: Self = Self { ears: [[0; 2]; 2] };
 
     /// Adds a strike.
     #[inline(always)]
     pub fn strike(&mut self, strike: StrikeWords) {
-        add_words(&mut self.left, strike.left);
-        add_words(&mut self.right, strike.right);
+        let [left, right] = &mut self.ears;
+        add_words(left, strike.left);
+        add_words(right, strike.right);
     }
 
-    /// Runs the pair over `out`, adding.
+    /// Runs the pair over `out`, a block or less, adding.
     #[inline(always)]
     pub fn run(&mut self, tuning: &Tuning, out: &mut [Frame]) {
         match tuning.form {
             Form::Silent => {}
-            Form::Circle => {
-                let mut run = Circle::begin(tuning, self);
-                out.iter_mut().for_each(|frame| run.step(frame));
-                *self = run.end();
-            }
-            Form::Direct => {
-                let mut run = Direct::begin(tuning, self);
-                out.iter_mut().for_each(|frame| run.step(frame));
-                *self = run.end();
-            }
+            Form::Circle => self.circle(tuning, out),
+            Form::Direct => self.direct(tuning, out),
         }
+    }
+
+    #[cfg(target_arch = "arm")]
+    #[inline(always)]
+    fn circle(&mut self, tuning: &Tuning, out: &mut [Frame]) {
+        crate::kernel::circle(&mut self.ears, [tuning.c0, tuning.c1], out);
+    }
+
+    #[cfg(target_arch = "arm")]
+    #[inline(always)]
+    fn direct(&mut self, tuning: &Tuning, out: &mut [Frame]) {
+        crate::kernel::direct(&mut self.ears, [tuning.c0, tuning.c1], out);
+    }
+
+    #[cfg(not(target_arch = "arm"))]
+    #[inline(always)]
+    fn circle(&mut self, tuning: &Tuning, out: &mut [Frame]) {
+        let mut run = Circle::begin(tuning, self);
+        out.iter_mut().for_each(|frame| run.step(frame));
+        *self = run.end();
+    }
+
+    #[cfg(not(target_arch = "arm"))]
+    #[inline(always)]
+    fn direct(&mut self, tuning: &Tuning, out: &mut [Frame]) {
+        let mut run = Direct::begin(tuning, self);
+        out.iter_mut().for_each(|frame| run.step(frame));
+        *self = run.end();
     }
 
     /// Ends a block: how far the words may swing from here, bus units. 0: too soft to hear, and now at rest for good.
@@ -254,7 +271,7 @@ impl State {
     pub fn settle(&mut self, tuning: &Tuning) -> u64 {
         let size = |word: i64| ((word >> 32) as i32).unsigned_abs();
         let loudest = |[a, b]: [i64; 2]| size(a).max(size(b));
-        let loudest = loudest(self.left).max(loudest(self.right));
+        let loudest = loudest(self.ears[0]).max(loudest(self.ears[1]));
         if loudest <= tuning.floor as u32 {
             *self = Self::SILENT;
             return 0;
@@ -264,7 +281,7 @@ impl State {
 
     /// Half as loud.
     pub fn halve(&mut self) {
-        for word in self.left.iter_mut().chain(self.right.iter_mut()) {
+        for word in self.ears.as_flattened_mut() {
             *word >>= 1;
         }
     }
@@ -292,8 +309,8 @@ impl Recurrence for Circle {
         Self {
             g: i64::from(tuning.c0),
             b: i64::from(tuning.c1),
-            left: state.left,
-            right: state.right,
+            left: state.ears[0],
+            right: state.ears[1],
         }
     }
     #[inline(always)]
@@ -315,8 +332,7 @@ impl Recurrence for Circle {
     #[inline(always)]
     fn end(self) -> State {
         State {
-            left: self.left,
-            right: self.right,
+            ears: [self.left, self.right],
         }
     }
 }
@@ -334,8 +350,8 @@ impl Recurrence for Direct {
         Self {
             a1: i64::from(tuning.c0),
             a2: i64::from(tuning.c1),
-            left: state.left.map(|word| word >> 32),
-            right: state.right.map(|word| word >> 32),
+            left: state.ears[0].map(|word| word >> 32),
+            right: state.ears[1].map(|word| word >> 32),
         }
     }
     #[inline(always)]
@@ -357,8 +373,7 @@ impl Recurrence for Direct {
     #[inline(always)]
     fn end(self) -> State {
         State {
-            left: self.left.map(|word| word << 32),
-            right: self.right.map(|word| word << 32),
+            ears: [self.left, self.right].map(|ear| ear.map(|word| word << 32)),
         }
     }
 }

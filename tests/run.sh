@@ -5,17 +5,25 @@ cd "$(dirname "$0")/.."
 
 step() { printf '\n== %s\n' "$*"; "$@"; }
 
-# The core has to build for a board; its target is added where it is missing.
+# The firmware is built for a board; its target is added where it is missing.
 target=thumbv7em-none-eabihf
 if [ ! -d "$(rustc --print target-libdir --target "$target")" ]; then
     rustup target add "$target"
 fi
 
 step cargo fmt --all --check
-step cargo clippy --workspace --all-targets -- --deny warnings
-RUSTDOCFLAGS='--deny warnings' step cargo doc --workspace --no-deps
-step cargo build --release --package freshet --target "$target"
-step cargo test --workspace
+step cargo clippy --all-targets -- --deny warnings
+step cargo clippy --package freshet-host --features flash --all-targets -- --deny warnings
+RUSTDOCFLAGS='--deny warnings' step cargo doc --no-deps
+for board in f407 f411 h743; do
+    step cargo clippy --profile firmware --package freshet-firmware --target "$target" \
+        --no-default-features --features "$board,rtt" -- --deny warnings
+    step cargo "field-$board"
+    step cargo "build-$board"
+done
+step cargo test
 # The same samples from an optimised build and from one as a debugger wants it.
 step cargo test --release --test identical
 step cargo test --profile plain --test identical
+# The firmware of the F407 as it is flashed, in an emulated board.
+step cargo test --manifest-path emulated-board/Cargo.toml --ignore-rust-version

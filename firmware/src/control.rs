@@ -23,8 +23,7 @@ enum Wish {
 }
 
 /// Both updates stand in flash as they are at first: no stack would hold them on the way.
-static UPDATES: ConstStaticCell<[Update; 2]> =
-    ConstStaticCell::new([Update::new(), Update::new()]);
+static UPDATES: ConstStaticCell<[Update; 2]> = ConstStaticCell::new([Update::new(), Update::new()]);
 
 static WISHES: Channel<CriticalSectionRawMutex, Wish, 8> = Channel::new();
 
@@ -66,11 +65,7 @@ fn unwrap<T>(token: Result<T, embassy_executor::SpawnError>) -> T {
 
 /// One tick after another.
 #[embassy_executor::task]
-async fn run(
-    control: &'static mut Control,
-    mut update: &'static mut Update,
-    scenes: Scenes,
-) {
+async fn run(control: &'static mut Control, mut update: &'static mut Update, scenes: Scenes) {
     let mut playing = scenes.first();
     loop {
         update = audio::exchange(update).await;

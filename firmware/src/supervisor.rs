@@ -150,7 +150,7 @@ pub async fn run(mut lights: Lights, watchdog: Peri<'static, Watchdog>) -> ! {
         );
         seen = now;
         looks = looks.wrapping_add(1);
-        if looks % REPORT == 0 {
+        if looks.is_multiple_of(REPORT) {
             let (last, peak) = audio::METER.read();
             let (used, size) = stack::used();
             log::info!(

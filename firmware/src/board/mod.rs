@@ -68,11 +68,11 @@ impl Lights {
     pub fn show(&mut self, look: u32, clip: bool, late: bool, trouble: bool) {
         let inverted = self.inverted;
         let set = |pin: &mut Output<'static>, on: bool| pin.set_level((on != inverted).into());
-        let mut alive = look / SLOW % 2 == 0;
+        let mut alive = (look / SLOW).is_multiple_of(2);
         for (light, on) in [(&mut self.clip, clip), (&mut self.late, late)] {
             match light {
                 Some(light) => set(light, on),
-                None if on => alive = look % 2 == 0,
+                None if on => alive = look.is_multiple_of(2),
                 None => {}
             }
         }

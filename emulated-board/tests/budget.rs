@@ -1,0 +1,113 @@
+//! Instructions a sample of the whole audio path on the F407, its interrupts included, and what there is of memory.
+//!
+//! Limits are what was measured (docs/figures.md) and 5 %, with the toolchain that rust-toolchain.toml names; another
+//! compiler may differ by more. A limit is lowered when the code gets faster, never raised without a reason.
+
+mod common;
+
+use std::time::Duration;
+
+use common::{START, board, scene, unhurried};
+use freshet::scene::Scene;
+use freshet_host::scene_file::SceneFile;
+
+/// Frames in a block.
+const BLOCK: f64 = freshet::BLOCK as f64;
+/// Cycles of a sample at 168 MHz over 2 cycles an instruction: what is played in time on a slow day.
+const IN_TIME: f64 = 1_750.0;
+
+/// `population(rate)`: 50 classes from 0.2 to 50 mm, evenly, none rising.
+fn population(rate: u32) -> Scene {
+    let text = format!(
+        "[water]\nrate = {rate}\nradius_min = 0.2\nradius_max = 50\nlaw = \"flat\"\nrise_factor = 0\npressure = 0.0003"
+    );
+    SceneFile::parse("population", &text).expect("valid").scene
+}
+
+/// Mean and busiest block, instructions a sample, over a second; and the longest tick of control.
+fn cost(scene: &Scene) -> (f64, f64, u64) {
+    let mut board = board(&[("scene", scene.clone())], 1, unhurried());
+    board.run(START).expect("it runs");
+    let play = board
+        .count("freshet_firmware::audio::Player::play")
+        .expect("it is there");
+    let tick = board
+        .count("freshet_firmware::control::tick")
+        .expect("it is there");
+    board.interrupt_counts().expect("counted");
+    let before = board.frames();
+    board.run(Duration::from_secs(1)).expect("it runs");
+    let frames = (board.frames() - before) as f64;
+    let interrupts = board.interrupt_counts().expect("counted");
+    let play = board.counts(play).expect("counted");
+    let tick = board.counts(tick).expect("counted").max();
+    let all: u64 = interrupts
+        .handlers
+        .values()
+        .map(|handler| handler.instructions)
+        .sum();
+    // Around the block: the DMA's interrupt, the executor, the meter.
+    let around = all as f64 / frames - play.mean() / BLOCK;
+    (
+        play.mean() / BLOCK + around,
+        play.max() as f64 / BLOCK + around,
+        tick,
+    )
+}
+
+#[test]
+fn the_audio_path_stays_within_its_budget() {
+    let rows = [
+        ("silence", population(0), 103.0),
+        ("50 classes, 50 000 births/s", population(50_000), 1_210.0),
+        ("50 classes, 100 000 births/s", population(100_000), 1_720.0),
+    ];
+    for (name, scene, most) in rows {
+        let (mean, busiest, tick) = cost(&scene);
+        println!("{name:30} {mean:6.0} mean {busiest:6.0} busiest block; tick {tick}");
+        assert!(
+            mean <= most,
+            "{name}: {mean:.0} instructions a sample, the budget is {most}"
+        );
+        assert!(tick <= 200_000, "{name}: a tick of {tick} instructions");
+    }
+}
+
+#[test]
+fn these_scenes_are_played_in_time_whatever_comes() {
+    for name in [
+        "brook",
+        "cave-drip",
+        "lava",
+        "light-rain",
+        "tap",
+        "underwater",
+    ] {
+        let (mean, busiest, tick) = cost(&scene(name));
+        println!("{name:30} {mean:6.0} mean {busiest:6.0} busiest block; tick {tick}");
+        assert!(
+            busiest <= IN_TIME,
+            "{name}: {busiest:.0} instructions a sample"
+        );
+        assert!(tick <= 200_000, "{name}: a tick of {tick} instructions");
+    }
+}
+
+#[test]
+fn the_stack_has_room_and_stands_where_it_cannot_run_into_anything() {
+    let mut board = board(&[("surf", scene("surf"))], 1, unhurried());
+    board.run(START + Duration::from_secs(1)).expect("it runs");
+    // The first word of the vectors; below the stack there is nothing.
+    let first = board.read(0x0800_0000, 4).expect("it is flash");
+    let start = u32::from_le_bytes(first.try_into().expect("a word"));
+    let end = 0x2000_0000;
+    assert_eq!(start, 0x2001_8000);
+    let stack = board
+        .read(end, (start - end) as usize)
+        .expect("it is memory");
+    let painted = 0xc0de_ca5e_u32.to_le_bytes();
+    let free = 4 * stack.chunks(4).take_while(|word| *word == painted).count();
+    let used = stack.len() - free;
+    println!("{used} of {} bytes used at most", stack.len());
+    assert!(free >= 8_192, "{free} bytes of stack left");
+}
