@@ -53,7 +53,12 @@ fn assert_back_in_step(played: &[[i32; 2]], expected: &[[i32; 2]], frames: usize
 /// Everything a board plays, and what the desk plays, from the first sample on.
 fn both(board: &mut Board, scene: &Scene, seed: u64) -> (Vec<[i32; 2]>, Vec<[i32; 2]>) {
     let played = from_first_sound(&board.take_audio()).to_vec();
-    let expected = desk(scene, seed, played.len() + 48_000);
+    let expected = desk(
+        freshet_host::board::Board::F407,
+        scene,
+        seed,
+        played.len() + 48_000,
+    );
     (played, from_first_sound(&expected).to_vec())
 }
 
@@ -189,7 +194,7 @@ fn a_panic_leaves_its_message() {
     let mut board = board(&[("steady", scene)], 6, Setup::default());
     board.run(START).expect("it runs");
     // A control path whose memory is full of ones cannot go on.
-    let elf = elf();
+    let elf = elf("f407");
     let control = elf
         .matching("CONTROL")
         .find(|symbol| symbol.size > 1000)
@@ -217,7 +222,7 @@ fn a_panic_leaves_its_message() {
 #[test]
 fn a_damaged_bank_plays_the_built_in_scene_and_says_so() {
     let setup = Setup::default();
-    let elf = elf();
+    let elf = elf("f407");
     let seed = setup
         .unique_id
         .iter()

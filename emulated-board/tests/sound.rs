@@ -4,8 +4,9 @@ mod common;
 
 use std::time::Duration;
 
-use common::{RATE, START, board, desk, from_first_sound, scene, unhurried};
+use common::{RATE, START, chip, desk, from_first_sound, scene, unhurried};
 use emulated_board::Setup;
+use freshet_host::board::Board as Desk;
 use freshet_host::built_in::SCENES;
 
 /// Scenes that are played with three seeds; the others with one.
@@ -13,9 +14,10 @@ const THRICE: [&str; 4] = ["cave-drip", "light-rain", "surf", "waterfall"];
 /// Sound compared, frames.
 const FRAMES: usize = 2 * RATE as usize;
 
-fn compare(name: &str, seed: u64) {
+fn compare(board: Desk, name: &str, seed: u64) {
     let scene = scene(name);
-    let mut board = board(&[(name, scene.clone())], seed, unhurried());
+    let what = board;
+    let mut board = chip(what, &[(name, scene.clone())], seed, unhurried());
     board.run(START + Duration::from_secs(2)).expect("it runs");
     let rate = board.sample_rate().expect("the clocks run");
     assert!(
@@ -30,7 +32,7 @@ fn compare(name: &str, seed: u64) {
     );
     let start = board.first_sound().expect("it sounds");
     let played = board.take_audio();
-    let expected = desk(&scene, seed, FRAMES);
+    let expected = desk(what, &scene, seed, FRAMES);
     let (played, expected) = (from_first_sound(&played), from_first_sound(&expected));
     assert!(expected.len() > FRAMES / 2, "{name} begins late");
     assert!(
@@ -51,15 +53,22 @@ fn compare(name: &str, seed: u64) {
 #[test]
 fn the_board_plays_every_scene_as_the_desk_does() {
     for (name, _) in SCENES {
-        compare(name, 1);
+        compare(Desk::F407, name, 1);
     }
 }
 
 #[test]
 fn and_so_it_does_with_other_seeds() {
     for name in THRICE {
-        compare(name, 2);
-        compare(name, u64::MAX);
+        compare(Desk::F407, name, 2);
+        compare(Desk::F407, name, u64::MAX);
+    }
+}
+
+#[test]
+fn the_h743_plays_as_the_desk_does_with_its_capacities() {
+    for name in ["cave-drip", "surf", "waterfall"] {
+        compare(Desk::H743, name, 1);
     }
 }
 
@@ -71,7 +80,7 @@ fn a_board_whose_bank_names_no_seed_takes_its_own_number() {
             unique_id,
             ..Setup::default()
         };
-        let mut board = Board::new(Chip::F407, &common::elf(), setup).expect("a board");
+        let mut board = Board::new(Chip::F407, &common::elf("f407"), setup).expect("a board");
         board.run(START).expect("it runs");
         from_first_sound(&board.take_audio()).to_vec()
     };

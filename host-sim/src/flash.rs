@@ -158,8 +158,8 @@ impl Target {
 
     /// The command that builds the firmware.
     fn build(&self, field: bool) -> String {
-        let field = if field { " --features field" } else { "" };
-        format!("`cargo build-{}{field}`", self.board)
+        let how = if field { "field" } else { "build" };
+        format!("`cargo {how}-{}`", self.board)
     }
 
     /// The chip's device id, by `read`ing its memory; none where nothing answers.

@@ -24,18 +24,15 @@ pub fn unhurried() -> Setup {
     }
 }
 
-/// The firmware as it is flashed: what `cargo build-f407` makes, or what `FRESHET_ELF` names.
-pub fn elf() -> Elf {
-    let path = std::env::var_os("FRESHET_ELF").map_or_else(
-        || {
-            let top = PathBuf::from(concat!(env!("CARGO_MANIFEST_DIR"), "/.."));
-            top.join("target/thumbv7em-none-eabihf/firmware/freshet-f407")
-        },
-        PathBuf::from,
-    );
+/// The firmware as it is flashed: what `cargo build-<board>` leaves.
+pub fn elf(name: &str) -> Elf {
+    let top = PathBuf::from(concat!(env!("CARGO_MANIFEST_DIR"), "/.."));
+    let path = top.join(format!(
+        "target/thumbv7em-none-eabihf/firmware/freshet-{name}"
+    ));
     match Elf::load(&path) {
         Ok(elf) => elf,
-        Err(error) => panic!("{error}; `cargo build-f407` at the top of the tree makes it"),
+        Err(error) => panic!("{error}; `cargo build-{name}` at the top of the tree makes it"),
     }
 }
 
@@ -45,10 +42,19 @@ pub fn scene(name: &str) -> Scene {
     file.expect("it is valid").scene
 }
 
-/// A board that has `scenes` in its flash and starts with the first of them.
+/// An F407 that has `scenes` in its flash and starts with the first of them.
 pub fn board(scenes: &[(&str, Scene)], seed: u64, setup: Setup) -> Board {
-    let elf = elf();
-    let mut board = Board::new(Chip::F407, &elf, setup).expect("a board");
+    chip(Desk::F407, scenes, seed, setup)
+}
+
+/// The same of any board.
+pub fn chip(board: Desk, scenes: &[(&str, Scene)], seed: u64, setup: Setup) -> Board {
+    let chip = match board {
+        Desk::H743 => Chip::H743,
+        _ => Chip::F407,
+    };
+    let elf = elf(board.name());
+    let mut board = Board::new(chip, &elf, setup).expect("a board");
     let boot = Boot {
         scene: 0,
         seed: Some(seed),
@@ -59,9 +65,9 @@ pub fn board(scenes: &[(&str, Scene)], seed: u64, setup: Setup) -> Board {
     board
 }
 
-/// The desk's rendering of what such a board plays.
-pub fn desk(scene: &Scene, seed: u64, frames: usize) -> Vec<[i32; 2]> {
-    let mut player = Desk::F407.player(scene, RATE, seed, Output::Bits24);
+/// What the desk renders with the capacities of `board`.
+pub fn desk(board: Desk, scene: &Scene, seed: u64, frames: usize) -> Vec<[i32; 2]> {
+    let mut player = board.player(scene, RATE, seed, Output::Bits24);
     let mut out = vec![freshet::Frame::ZERO; frames];
     player.render(&mut out);
     out.iter().map(|frame| [frame.left, frame.right]).collect()
