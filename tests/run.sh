@@ -25,5 +25,8 @@ step cargo test
 # The same samples from an optimised build and from one as a debugger wants it.
 step cargo test --release --test identical
 step cargo test --profile plain --test identical
-# The firmware of the F407 as it is flashed, in an emulated board.
-step cargo test --manifest-path emulated-board/Cargo.toml --ignore-rust-version
+# The firmware as it is flashed, in an emulated board.
+emulator="--manifest-path emulated-board/Cargo.toml"
+step cargo fmt $emulator --check
+step cargo clippy $emulator --ignore-rust-version --all-targets -- --deny warnings
+step cargo test $emulator --ignore-rust-version

@@ -9,6 +9,7 @@ use std::time::Duration;
 
 use common::{START, board, scene, unhurried};
 use freshet::scene::Scene;
+use freshet_host::built_in::SCENES;
 use freshet_host::scene_file::SceneFile;
 
 /// Frames in a block.
@@ -73,20 +74,16 @@ fn the_audio_path_stays_within_its_budget() {
     }
 }
 
+/// Scenes that an F407 does not yet play in time.
+const TOO_DENSE: [&str; 5] = ["boil", "fountain", "river", "surf", "waterfall"];
+
 #[test]
-fn these_scenes_are_played_in_time_whatever_comes() {
-    for name in [
-        "brook",
-        "cave-drip",
-        "lava",
-        "light-rain",
-        "tap",
-        "underwater",
-    ] {
+fn all_other_scenes_are_played_in_time_and_control_is_always() {
+    for (name, _) in SCENES {
         let (mean, busiest, tick) = cost(&scene(name));
         println!("{name:30} {mean:6.0} mean {busiest:6.0} busiest block; tick {tick}");
         assert!(
-            busiest <= IN_TIME,
+            busiest <= IN_TIME || TOO_DENSE.contains(name),
             "{name}: {busiest:.0} instructions a sample"
         );
         assert!(tick <= 200_000, "{name}: a tick of {tick} instructions");

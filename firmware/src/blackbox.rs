@@ -4,7 +4,6 @@ use core::cell::UnsafeCell;
 use core::fmt::Write;
 use core::mem::MaybeUninit;
 use core::panic::PanicInfo;
-use core::sync::atomic::{AtomicU32, Ordering::Relaxed};
 
 use cortex_m::peripheral::SCB;
 
@@ -34,9 +33,6 @@ unsafe impl Sync for Box {}
 #[unsafe(no_mangle)]
 static BLACKBOX: Box = Box(UnsafeCell::new(MaybeUninit::uninit()));
 
-/// Crashes in a row, that is with a record at each start.
-static CRASHES: AtomicU32 = AtomicU32::new(0);
-
 impl Record {
     fn sum(&self) -> u32 {
         let text = self.text.iter().take(self.length as usize);
@@ -54,7 +50,6 @@ pub fn report() -> bool {
         record.magic == MAGIC && record.length as usize <= TEXT && record.check == record.sum();
     record.magic = 0;
     if valid {
-        CRASHES.store(1, Relaxed);
         let text = &record.text[..record.length as usize];
         log::error!(
             "crashed before: {}",
