@@ -2,12 +2,13 @@
 //! peak passes full scale; it comes back quickly after a lone drip and slowly out of a sustained roar.
 
 use crate::fixed::to_fixed;
-use crate::frame::{Block, Frame};
+use crate::frame::{BLOCK, Block, Frame};
 use crate::mix::CEILING;
 use crate::stats::Stats;
 
 /// Look-ahead, and so the delay of the mix, frames (1.3 ms at 48 kHz).
 pub const LOOK_AHEAD: usize = 64;
+const BLOCKS: usize = LOOK_AHEAD / BLOCK;
 
 /// Unity gain, Q30.
 const ONE: i32 = 1 << 30;
@@ -17,10 +18,21 @@ const RELEASE_FAST: f64 = 0.010;
 /// Time constant of that mean, s.
 const RELEASE_SLOW: f64 = 0.400;
 
+/// What there is to do for a block.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Loudness {
+    Silent,
+    Below,
+    /// Above the ceiling somewhere.
+    Above,
+}
+
 /// The limiter's state. Gains are Q30.
 #[derive(Clone, Debug)]
 pub struct Limiter {
-    delay: [Frame; LOOK_AHEAD],
+    /// What came in, and how loud it is.
+    delay: [(Block, Loudness); BLOCKS],
+    /// The oldest.
     at: usize,
     gain: i32,
     /// Fall a frame that brings the gain down in time.
@@ -41,7 +53,7 @@ impl Limiter {
     pub fn new(sample_rate: f64) -> Self {
         let pole = |seconds: f64| to_fixed(-libm::expm1(-1.0 / (seconds * sample_rate)), 31);
         Self {
-            delay: [Frame::ZERO; LOOK_AHEAD],
+            delay: [([Frame::ZERO; BLOCK], Loudness::Silent); BLOCKS],
             at: 0,
             gain: ONE,
             fall: 0,
@@ -55,13 +67,28 @@ impl Limiter {
 
     /// Delays a block by [`LOOK_AHEAD`] and holds it below the ceiling. With `on` false it only clips.
     pub fn render(&mut self, block: &mut Block, on: bool, stats: &mut Stats) {
-        for frame in block.iter_mut() {
-            let peak = frame.left.unsigned_abs().max(frame.right.unsigned_abs());
+        let new = Loudness::of(block);
+        let at = self.at;
+        self.at = (at + 1) % BLOCKS;
+        core::mem::swap(&mut self.delay[at].0, block);
+        let old = core::mem::replace(&mut self.delay[at].1, new);
+        if (on && new == Loudness::Above) || !self.is_open() {
+            self.hold(at, block, on, stats);
+        }
+        if old == Loudness::Above {
+            clip(block, stats);
+        }
+    }
+
+    /// Scales what goes out by what comes in.
+    #[inline(never)]
+    fn hold(&mut self, newest: usize, block: &mut Block, on: bool, stats: &mut Stats) {
+        for (i, frame) in block.iter_mut().enumerate() {
+            let new = &self.delay[newest].0[i];
+            let peak = new.left.unsigned_abs().max(new.right.unsigned_abs());
             if on && peak > CEILING as u32 {
                 self.expect(peak);
             }
-            *frame = core::mem::replace(&mut self.delay[self.at], *frame);
-            self.at = (self.at + 1) % LOOK_AHEAD;
             if !self.is_open() {
                 self.step();
                 frame.left = scale(frame.left, self.gain);
@@ -71,15 +98,16 @@ impl Limiter {
                     .limited
                     .wrapping_add(u64::from(self.gain < ONE - (ONE >> 10)));
             }
-            let clipped = Frame {
-                left: frame.left.clamp(-CEILING, CEILING),
-                right: frame.right.clamp(-CEILING, CEILING),
-            };
-            if clipped != *frame {
-                stats.clipped = stats.clipped.wrapping_add(1);
-                *frame = clipped;
-            }
         }
+    }
+
+    /// Whether a silent block comes out silent and changes nothing.
+    pub fn is_at_rest(&self) -> bool {
+        self.is_open()
+            && self
+                .delay
+                .iter()
+                .all(|(_, loudness)| *loudness == Loudness::Silent)
     }
 
     fn is_open(&self) -> bool {
@@ -125,6 +153,39 @@ impl Limiter {
         if allowed == ONE && away < 1 << 34 {
             self.mean = ONE_WIDE;
         }
+    }
+}
+
+impl Loudness {
+    #[inline(always)]
+    fn of(block: &Block) -> Self {
+        // Each number's highest bit that is not its sign, one place up.
+        let bits = block.iter().fold(0, |bits, frame| {
+            bits | (frame.left ^ (frame.left << 1)) | (frame.right ^ (frame.right << 1))
+        }) as u32;
+        let above = |frame: &Frame| {
+            frame.left.unsigned_abs().max(frame.right.unsigned_abs()) > CEILING as u32
+        };
+        if bits == 0 {
+            Self::Silent
+        } else if bits >= CEILING as u32 && block.iter().any(above) {
+            Self::Above
+        } else {
+            Self::Below
+        }
+    }
+}
+
+/// Holds the block below the ceiling by force.
+#[inline(never)]
+fn clip(block: &mut Block, stats: &mut Stats) {
+    for frame in block {
+        let clipped = Frame {
+            left: frame.left.clamp(-CEILING, CEILING),
+            right: frame.right.clamp(-CEILING, CEILING),
+        };
+        stats.clipped = stats.clipped.wrapping_add(u64::from(clipped != *frame));
+        *frame = clipped;
     }
 }
 
