@@ -7,13 +7,14 @@
 //! The audio path is integer arithmetic; what is derived from parameters is f64 through `libm`. The same profile,
 //! seed, scene and parameter events give the same samples on every machine.
 #![no_std]
-#![forbid(unsafe_code)]
+#![deny(unsafe_code)]
 
 pub mod bubble;
 pub mod control;
 pub mod drops;
 pub mod fixed;
 pub mod frame;
+mod kernel;
 pub mod limiter;
 pub mod mix;
 pub mod observer;

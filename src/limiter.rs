@@ -1,7 +1,7 @@
 //! A look-ahead limiter. The gain falls along a line that reaches its mark just as the peak leaves the delay, so no
 //! peak passes full scale; it comes back quickly after a lone drip and slowly out of a sustained roar.
 
-use crate::fixed::to_fixed;
+use crate::fixed::{mul_high_down, to_fixed};
 use crate::frame::{BLOCK, Block, Frame};
 use crate::mix::CEILING;
 use crate::stats::Stats;
@@ -12,7 +12,9 @@ const BLOCKS: usize = LOOK_AHEAD / BLOCK;
 
 /// Unity gain, Q30.
 const ONE: i32 = 1 << 30;
-const ONE_WIDE: i64 = (ONE as i64) << 16;
+const ONE_WIDE: i64 = (ONE as i64) << 32;
+/// From this near to unity the mean goes there at once.
+const NEARLY: i32 = ONE >> 12;
 /// Quick recovery towards the recent mean gain, s.
 const RELEASE_FAST: f64 = 0.010;
 /// Time constant of that mean, s.
@@ -41,9 +43,9 @@ pub struct Limiter {
     wanted: [i32; 2],
     /// Frames left of this stretch.
     stretch: usize,
-    /// Recent mean of the gain, with 16 further bits.
+    /// Recent mean of the gain, with 32 further bits.
     mean: i64,
-    /// One-pole coefficients, Q31.
+    /// One-pole coefficients, Q32.
     fast: i32,
     slow: i32,
 }
@@ -51,7 +53,7 @@ pub struct Limiter {
 impl Limiter {
     /// At rest.
     pub fn new(sample_rate: f64) -> Self {
-        let pole = |seconds: f64| to_fixed(-libm::expm1(-1.0 / (seconds * sample_rate)), 31);
+        let pole = |seconds: f64| to_fixed(-libm::expm1(-1.0 / (seconds * sample_rate)), 32);
         Self {
             delay: [([Frame::ZERO; BLOCK], Loudness::Silent); BLOCKS],
             at: 0,
@@ -72,33 +74,39 @@ impl Limiter {
         self.at = (at + 1) % BLOCKS;
         core::mem::swap(&mut self.delay[at].0, block);
         let old = core::mem::replace(&mut self.delay[at].1, new);
-        if (on && new == Loudness::Above) || !self.is_open() {
-            self.hold(at, block, on, stats);
+        let peaks = on && new == Loudness::Above;
+        if peaks || !self.is_open() {
+            self.hold(at, block, peaks, stats);
         }
         if old == Loudness::Above {
             clip(block, stats);
         }
     }
 
-    /// Scales what goes out by what comes in.
+    /// Scales what goes out by what comes in, which with `peaks` is above the ceiling somewhere.
     #[inline(never)]
-    fn hold(&mut self, newest: usize, block: &mut Block, on: bool, stats: &mut Stats) {
+    fn hold(&mut self, newest: usize, block: &mut Block, peaks: bool, stats: &mut Stats) {
+        let mut limited = 0;
+        let mut open = self.is_open();
         for (i, frame) in block.iter_mut().enumerate() {
-            let new = &self.delay[newest].0[i];
-            let peak = new.left.unsigned_abs().max(new.right.unsigned_abs());
-            if on && peak > CEILING as u32 {
-                self.expect(peak);
+            if peaks {
+                let peak = peak(&self.delay[newest].0[i]);
+                if peak > CEILING as u32 {
+                    self.expect(peak);
+                    open = false;
+                }
             }
-            if !self.is_open() {
-                self.step();
-                frame.left = scale(frame.left, self.gain);
-                frame.right = scale(frame.right, self.gain);
-                // A hundredth of a dB is not held down.
-                stats.limited = stats
-                    .limited
-                    .wrapping_add(u64::from(self.gain < ONE - (ONE >> 10)));
+            if open {
+                continue;
             }
+            self.step();
+            open = self.is_open();
+            frame.left = scale(frame.left, self.gain);
+            frame.right = scale(frame.right, self.gain);
+            // A hundredth of a dB is not held down.
+            limited += u32::from(self.gain < ONE - (ONE >> 10));
         }
+        stats.limited = stats.limited.wrapping_add(u64::from(limited));
     }
 
     /// Whether a silent block comes out silent and changes nothing.
@@ -125,6 +133,7 @@ impl Limiter {
     }
 
     /// Moves the gain by one frame.
+    #[inline(always)]
     fn step(&mut self) {
         if self.stretch == 0 {
             self.stretch = LOOK_AHEAD + 1;
@@ -132,28 +141,30 @@ impl Limiter {
         }
         self.stretch -= 1;
         let allowed = self.wanted[0].min(self.wanted[1]);
+        let mean = (self.mean >> 32) as i32;
         if self.gain > allowed {
             self.gain = (self.gain - self.fall).max(allowed);
         } else {
             self.fall = 0;
             // Quickly back to the mean, and with the mean from there on.
-            let mean = (self.mean >> 16) as i32;
             let short = (mean - self.gain).max(0);
-            let up = ((i64::from(short) * i64::from(self.fast)) >> 31) as i32;
             let back = if short < ONE >> 14 {
                 mean
             } else {
-                self.gain + up
+                self.gain + mul_high_down(short, self.fast)
             };
             self.gain = back.max(self.gain).min(allowed);
         }
         let aim = if allowed < ONE { self.gain } else { ONE };
-        let away = (i64::from(aim) << 16) - self.mean;
-        self.mean += ((away >> 16) * i64::from(self.slow)) >> 15;
-        if allowed == ONE && away < 1 << 34 {
+        self.mean += i64::from(aim - mean) * i64::from(self.slow);
+        if allowed == ONE && aim - mean < NEARLY {
             self.mean = ONE_WIDE;
         }
     }
+}
+
+fn peak(frame: &Frame) -> u32 {
+    frame.left.unsigned_abs().max(frame.right.unsigned_abs())
 }
 
 impl Loudness {
@@ -163,9 +174,7 @@ impl Loudness {
         let bits = block.iter().fold(0, |bits, frame| {
             bits | (frame.left ^ (frame.left << 1)) | (frame.right ^ (frame.right << 1))
         }) as u32;
-        let above = |frame: &Frame| {
-            frame.left.unsigned_abs().max(frame.right.unsigned_abs()) > CEILING as u32
-        };
+        let above = |frame: &Frame| peak(frame) > CEILING as u32;
         if bits == 0 {
             Self::Silent
         } else if bits >= CEILING as u32 && block.iter().any(above) {
@@ -189,8 +198,9 @@ fn clip(block: &mut Block, stats: &mut Stats) {
     }
 }
 
-/// Product with a gain of at most one, rounded towards zero: never up.
+/// Product with a gain of at most one, never larger than exact.
 #[inline(always)]
 fn scale(x: i32, gain: i32) -> i32 {
-    (i64::from(x) * i64::from(gain) / i64::from(ONE)) as i32
+    let down = ((i64::from(x) * i64::from(gain)) >> 30) as i32;
+    down - (down >> 31)
 }

@@ -4,13 +4,14 @@
 //! change of rate needs no redraw. A bubble that does not rise is one impulse at its exact time between samples; a
 //! rising one asks for a voice. Above one birth a sample a class is a *crowd*: its impulses are drawn by their moments.
 
-use crate::fixed::{PAN, PASCAL, exp2_neg, neg_log2, sine_cosine, to_fixed, to_fixed_u64};
-use crate::frame::{BLOCK, Block, Frame};
+use crate::fixed::{PASCAL, exp2_neg, high, pan, to_fixed, to_fixed_u64};
+use crate::frame::{BLOCK, Block};
+use crate::kernel::{Drawn, Hits, Outcome, Source, Stroke, play, ring};
 use crate::observer::{Birth, Crowd as CrowdSeen, Observer, Path};
 use crate::random::{Random, Stream};
 use crate::resonator::{
-    Complex, Form, STRIKES_MAX, SWING_MAX, State, StrikeWords, Strikes, Tuning, run_struck,
-    run_two_struck,
+    Complex, Form, Impulse, STRIKES_MAX, SWING_MAX, State, StrikeWords, Strikes, Tuning,
+    run_struck, run_two_struck,
 };
 use crate::stats::Stats;
 use crate::voices::{Pitch, Start, Voice, Voices};
@@ -22,24 +23,24 @@ pub const CLASSES: usize = 64;
 pub const CROWD: f64 = 1.0;
 /// No bubble of a class is louder than this, Pa: twice full scale.
 pub const CLASS_MAX_PA: f64 = 2.0;
-/// From this many births a block (over ln 2, Q32.32) they are gathered before the resonator runs.
-const CROSSOVER: u64 = 6 << 32;
+/// From 2^this births a block (over ln 2) on they are gathered before the resonator runs: worth it on a desktop, where
+/// two resonators in step are faster than one. A Cortex-M gathers only crowds.
+const CROSSOVER: Option<u32> = if cfg!(dsp) { None } else { Some(3) };
+/// Nothing rises: above every random number but one, which marks the end of a list.
+const ALL_STILL: u32 = u32::MAX - 1;
 /// A retired bank rings out at least this fast, 1/s.
 const RETIRED_DECAY: f64 = 60.0;
 
 /// How a class is struck.
-#[derive(Clone, Copy, Debug, Default)]
+#[derive(Clone, Copy, Debug)]
 pub struct Flow {
-    /// Births in a block that the clock draws one by one, over ln 2, Q32.32.
-    per_block: u64,
-    /// 2^63 − 1 over the upper 32 bits of `per_block << shift`.
-    inverse: u32,
-    shift: u32,
-    /// Pressure of a bubble of depth factor 1, one sample before it is due, Q27 of a pascal.
-    pressure: u32,
-    /// `-log2 D` (Q20) above which less than half a unit of that is left.
+    /// What the clock draws births one by one by.
+    stroke: Stroke,
+    /// The clock counts births over ln 2 in units of 2^-`scale`.
+    scale: u32,
+    /// `-log2 D` (Q20) above which less than half a unit is left of a bubble one sample before it is due.
     inaudible: u32,
-    /// The same at its birth, Q28, for voices.
+    /// The pressure at its birth, Q28, for voices.
     voice_pressure: u32,
     crowd: Option<Crowd>,
 }
@@ -85,10 +86,8 @@ pub struct Settings {
 struct Law {
     /// β of `D = rnd^β`, Q26.
     exponent: u32,
-    /// A bubble rises where `-log2 D` (Q20) is below this.
-    rise_below: u32,
-    /// Random numbers below this are left to the crowd, Q32.
-    crowd_below: u32,
+    /// A bubble rises where its random number is above this, Q32.
+    still: u32,
     /// Width of the stage, 256 is full.
     width: i32,
 }
@@ -124,12 +123,7 @@ impl Settings {
             retired: [Tuning::SILENT; CLASSES],
             pitch: [Pitch::SILENT; CLASSES],
             flow: [Flow::default(); CLASSES],
-            law: Law {
-                exponent: 0,
-                rise_below: 0,
-                crowd_below: 0,
-                width: 256,
-            },
+            law: Law::NONE,
         }
     }
 
@@ -151,7 +145,7 @@ impl Settings {
     /// Whether a class's births are gathered before its resonator runs.
     fn is_dense(&self, k: usize) -> bool {
         let flow = &self.flow[k];
-        flow.crowd.is_some() || flow.per_block >= CROSSOVER
+        flow.crowd.is_some() || CROSSOVER.is_some_and(|least| flow.scale <= 31 - least)
     }
 
     /// Gives every class's rising bubbles another rise factor.
@@ -179,15 +173,7 @@ impl Settings {
             libm::pow(ratio, 1.0 / drive.beta)
         };
         self.law.exponent = to_fixed(drive.beta, 26) as u32;
-        self.law.rise_below = if still >= 1.0 {
-            0
-        } else if ratio <= 0.0 {
-            u32::MAX
-        } else {
-            // D = depth·2^-x: compare x alone. At β = 0 every x is 0.
-            to_fixed(-libm::log2(ratio), 20) as u32
-        };
-        self.law.crowd_below = libm::round(still * 4_294_967_295.0) as u32;
+        self.law.still = libm::round(still * f64::from(ALL_STILL)) as u32;
         self.law.width = libm::round(drive.width * 256.0) as i32;
         let scale = if total > 0.0 {
             drive.rate * BLOCK as f64 / (sample_rate * total)
@@ -205,12 +191,36 @@ impl Settings {
             let pressure = (drive.depth * pressure).min(CLASS_MAX_PA);
             let still_births = births * still;
             if still_births > CROWD * BLOCK as f64 {
-                *flow = Flow::new(births - still_births, pressure, tuning);
+                *flow = Flow::new(births - still_births, pressure, tuning, &self.law);
                 let sound = [pressure, drive.beta, drive.width];
                 flow.crowd = Some(Crowd::new(still_births, sound, still, tuning, sample_rate));
             } else {
-                *flow = Flow::new(births, pressure, tuning);
+                *flow = Flow::new(births, pressure, tuning, &self.law);
+                if tuning.form != Form::Silent {
+                    flow.stroke.silent_below = self.law.silent_below(flow.inaudible);
+                }
             }
+        }
+    }
+}
+
+impl Law {
+    const NONE: Self = Self {
+        exponent: 0,
+        still: ALL_STILL,
+        width: 256,
+    };
+
+    /// Below which random numbers a bubble neither rises nor is heard, given the `-log2 D` (Q20) up to which it is.
+    fn silent_below(&self, inaudible: u32) -> u32 {
+        if self.exponent == 0 {
+            return 0;
+        }
+        // Where -log2(rnd), Q26, times the exponent is more than that; one unit of Q20 aside.
+        let least = ((u64::from(inaudible) + 1) << 32) / u64::from(self.exponent);
+        match u32::try_from((least >> 6) + 2) {
+            Ok(least) if least < 32 << 20 => (exp2_neg(least) << 1).min(self.still),
+            _ => 0,
         }
     }
 }
@@ -221,34 +231,42 @@ impl Default for Settings {
     }
 }
 
+impl Default for Flow {
+    fn default() -> Self {
+        Self::new(0.0, 0.0, &Tuning::SILENT, &Law::NONE)
+    }
+}
+
 impl Flow {
-    fn new(births: f64, pressure: f64, tuning: &Tuning) -> Self {
-        let per_block = to_fixed_u64(births * core::f64::consts::LOG2_E, 32);
-        let shift = per_block.leading_zeros().min(63);
-        let top = (per_block << shift >> 32) as u32;
-        // Top is at least 2^31, or births are none.
-        let inverse = if top == 0 {
-            0
-        } else {
-            (i64::MAX as u64 / u64::from(top)) as u32
-        };
-        let grown = pressure * libm::exp2(f64::from(tuning.decay_over(1 << 27)) / 1_048_576.0);
+    fn new(births: f64, pressure: f64, tuning: &Tuning, law: &Law) -> Self {
+        let wide = to_fixed_u64(births * core::f64::consts::LOG2_E, 32);
+        // So that a block is 2^31 units or more, unless years pass without a birth.
+        let scale = wide.leading_zeros().min(57);
+        let per_block = (wide << scale >> 32) as u32;
+        let inverse = u64::MAX / u64::from(per_block.max(1));
+        let grown = pressure * libm::exp2(f64::from(tuning.decay_over(u32::MAX)) / 1_048_576.0);
+        let (decay, step) = tuning.pace();
         Self {
-            per_block,
-            inverse,
-            shift,
-            pressure: to_fixed_u64(grown, 27) as u32,
+            stroke: Stroke {
+                per_block,
+                gap: 1 << scale.saturating_sub(26),
+                stretch: (inverse - (1 << 32)).min(u64::from(u32::MAX)) as u32,
+                silent_below: 0,
+                still: law.still,
+                exponent: law.exponent,
+                decay,
+                step,
+                width: law.width,
+                edge: (128 << 8) - (law.width << 7),
+                pressure: to_fixed_u64(grown, 30) as u32,
+                second: tuning.second(),
+                coarse: 26u32.saturating_sub(scale),
+            },
+            scale,
             inaudible: to_fixed_u64(libm::log2(grown).max(-28.0) + 28.0, 20) as u32,
             voice_pressure: to_fixed_u64(pressure, 28) as u32,
             crowd: None,
         }
-    }
-
-    /// Where in the block the clock stands: the sample's index in the upper 5 bits, then the fraction, Q27.
-    #[inline(always)]
-    fn position(&self, clock: u64) -> u32 {
-        let top = (clock << self.shift >> 32) as u32;
-        ((u64::from(top) * u64::from(self.inverse)) >> 31) as u32
     }
 }
 
@@ -274,7 +292,8 @@ impl Crowd {
         let width = libm::round(width * 256.0) as i32;
         let (mut mean, mut own, mut shared) = (0.0, 0.0, 0.0);
         for draw in 0..256 {
-            let [left, right] = pan(draw, width).map(|gain| f64::from(gain) / 1_073_741_824.0);
+            let gains = pan(draw, width, (128 << 8) - (width << 7));
+            let [left, right] = gains.map(|gain| f64::from(gain) / 2_147_483_648.0);
             mean += left / 256.0;
             own += left * left / 256.0;
             shared += left * right / 256.0;
@@ -379,23 +398,14 @@ impl Tuning {
     }
 }
 
-/// Gains of both ears, Q30, from 8 random bits and the width (256: full).
+/// Takes pressure from what there is room for. False where that is not enough.
 #[inline(always)]
-fn pan(draw: u32, width: i32) -> [i32; 2] {
-    let at = (128 + ((((draw & 0xff) as i32 - 128) * width) >> 8)) as usize & 0xff;
-    [PAN[256 - at], PAN[at]]
-}
-
-impl Turn<'_> {
-    /// Takes pressure from what the block still has room for. False where there is not enough.
-    #[inline(always)]
-    fn has_room(&mut self, pressure: u32) -> bool {
-        let fits = pressure <= self.room;
-        if fits {
-            self.room -= pressure;
-        }
-        fits
+fn take(room: &mut u32, pressure: u32) -> bool {
+    let fits = pressure <= *room;
+    if fits {
+        *room -= pressure;
     }
+    fits
 }
 
 /// One set of resonators.
@@ -403,8 +413,9 @@ impl Turn<'_> {
 struct Bank {
     tuning: [Tuning; CLASSES],
     state: [State; CLASSES],
-    /// Which of them ring, a bit each.
-    ringing: u64,
+    /// Which of them ring, and how many.
+    ringing: [bool; CLASSES],
+    count: usize,
 }
 
 impl Bank {
@@ -412,25 +423,32 @@ impl Bank {
         Self {
             tuning: [Tuning::SILENT; CLASSES],
             state: [State::SILENT; CLASSES],
-            ringing: 0,
+            ringing: [false; CLASSES],
+            count: 0,
         }
     }
 
-    /// Ends the block: how far all classes may swing from here, bus units.
+    /// Ends class `k`'s block, whose words are so far out: how far it may swing from here, bus units.
     #[inline(always)]
-    fn settle(&mut self) -> u64 {
-        let mut swing = 0;
-        let mut left = self.ringing;
-        while left != 0 {
-            let k = left.trailing_zeros() as usize;
-            left &= left - 1;
-            let class = self.state[k].settle(&self.tuning[k]);
-            swing += class;
-            if class == 0 {
-                self.ringing &= !(1 << k);
-            }
+    fn settle(&mut self, k: usize, extent: u32) -> u64 {
+        let rings = !self.tuning[k].is_inaudible(extent);
+        let rang = core::mem::replace(&mut self.ringing[k], rings);
+        if rings != rang {
+            self.count = self.count + usize::from(rings) - usize::from(rang);
         }
-        swing
+        if rings {
+            self.tuning[k].swing(extent)
+        } else {
+            self.state[k] = State::SILENT;
+            0
+        }
+    }
+
+    /// How far all classes may swing from here at most, bus units.
+    fn swing(&self) -> u64 {
+        (self.state.iter().zip(&self.tuning))
+            .map(|(state, tuning)| tuning.swing(state.loudest() + 7))
+            .sum()
     }
 
     /// Everything half as loud.
@@ -439,59 +457,84 @@ impl Bank {
         self.state.iter_mut().for_each(State::halve);
     }
 
-    /// Rings on with no births.
-    fn ring_out(&mut self, out: &mut Block) {
-        let mut left = self.ringing;
-        while left != 0 {
-            let k = left.trailing_zeros() as usize;
-            left &= left - 1;
-            self.state[k].run(&self.tuning[k], out);
+    /// Rings on with no births. Returns how far it may swing from here, bus units.
+    fn ring_out(&mut self, hits: &mut Hits, out: &mut Block) -> u64 {
+        let mut swing = 0;
+        if self.count > 0 {
+            for k in 0..CLASSES {
+                swing += self.ring_on(k, hits, out);
+            }
         }
+        swing
     }
 
-    /// Few births: the resonator runs from one to the next.
+    /// Class `k` for a block without births.
     #[inline(always)]
-    fn ring_with<S, O>(&mut self, k: usize, births: &mut Births<'_, S, O>, out: &mut Block)
+    fn ring_on(&mut self, k: usize, hits: &mut Hits, out: &mut Block) -> u64 {
+        if !self.ringing[k] {
+            return 0;
+        }
+        hits.begin(self.tuning[k].form);
+        self.ring(k, hits, out)
+    }
+
+    /// Rings for a block, struck by `hits`.
+    #[inline(always)]
+    fn ring(&mut self, k: usize, hits: &mut Hits, out: &mut Block) -> u64 {
+        let extent = ring(&self.tuning[k], &mut self.state[k], hits, true, out);
+        self.settle(k, extent)
+    }
+
+    /// Class `k` for a block with few births: the resonator runs from one to the next.
+    #[inline(never)]
+    fn ring_with<S, O>(
+        &mut self,
+        k: usize,
+        births: &mut Births<'_, S, O>,
+        hits: &mut Hits,
+        out: &mut Block,
+    ) -> u64
     where
         S: AsRef<[Voice]> + AsMut<[Voice]>,
         O: Observer,
     {
-        let mut done = 0;
-        let settings = births.settings;
-        let mut turn = births.begin(k, &settings.flow[k], &settings.tuning[k]);
-        while let Some((position, bits)) = births.next(&mut turn) {
-            if let Some((sample, strike)) = births.birth(&mut turn, position, bits) {
-                self.ring(k, &mut out[done..=sample]);
-                done = sample + 1;
-                self.state[k].strike(strike);
-                self.ringing |= 1 << k;
+        let (tuning, state) = (&self.tuning[k], &mut self.state[k]);
+        let mut drawn = match births.play(k, tuning, state, out) {
+            Outcome::Rung(extent) => return self.settle(k, extent),
+            Outcome::Drawn(drawn) => drawn,
+        };
+        let mut struck = self.ringing[k];
+        let mut room = births.source.room.min(STRIKES_MAX);
+        hits.begin(tuning.form);
+        loop {
+            births.strike(k, drawn.count, &mut room, |sample, impulse| {
+                hits.push(sample, impulse);
+            });
+            struck |= !hits.is_empty();
+            if !births.goes_on(k, drawn) {
+                break;
             }
+            ring(tuning, state, hits, false, out);
+            drawn = births.draw(k);
         }
-        births.end(turn);
-        self.ring(k, &mut out[done..]);
-    }
-
-    #[inline(always)]
-    fn ring(&mut self, k: usize, out: &mut [Frame]) {
-        if self.ringing & (1 << k) != 0 {
-            self.state[k].run(&self.tuning[k], out);
-        }
+        births.source.room -= births.source.room.min(STRIKES_MAX) - room;
+        if struck { self.ring(k, hits, out) } else { 0 }
     }
 
     /// Many births, gathered before.
     #[inline(always)]
-    fn ring_struck(&mut self, k: usize, strikes: &Strikes, out: &mut Block) {
-        self.ringing |= 1 << k;
+    fn ring_struck(&mut self, k: usize, strikes: &Strikes, out: &mut Block) -> u64 {
         run_struck(&self.tuning[k], &mut self.state[k], strikes, out);
+        self.settle(k, self.state[k].extent())
     }
 
     /// The same for class `k` and the next one, of the same form.
     #[inline(always)]
-    fn ring_struck_pair(&mut self, k: usize, strikes: &[Strikes; 2], out: &mut Block) {
-        self.ringing |= 3 << k;
+    fn ring_struck_pair(&mut self, k: usize, strikes: &[Strikes; 2], out: &mut Block) -> u64 {
         let (one, two) = self.state.split_at_mut(k + 1);
         let tuning = [&self.tuning[k], &self.tuning[k + 1]];
         run_two_struck(tuning, [&mut one[k], &mut two[0]], strikes, out);
+        self.settle(k, self.state[k].extent()) + self.settle(k + 1, self.state[k + 1].extent())
     }
 }
 
@@ -499,9 +542,9 @@ impl Bank {
 #[derive(Clone, Debug)]
 pub struct Population {
     settings: Settings,
-    /// Births expected until the next one of a class, over ln 2, Q32.32.
+    /// Births expected until the next one of a class, over ln 2, in its flow's units.
     clock: [u64; CLASSES],
-    random: Random,
+    source: Source,
     /// Births go to `banks[live]`; the other holds what rings on from before the last retuning.
     banks: [Bank; 2],
     live: usize,
@@ -509,20 +552,26 @@ pub struct Population {
     births_per_block: u32,
     /// How far all classes may swing from here, bus units.
     swing: u32,
+    /// Whether there are births at all.
+    flows: bool,
+    hits: Hits,
 }
 
 impl Population {
     /// A silent population; `births_per_block` bounds the work of a block.
     pub fn new(seed: u64, births_per_block: u32) -> Self {
         let mut random = Random::new(seed, Stream::Population);
+        let settings = Settings::new();
         Self {
-            settings: Settings::new(),
-            clock: [(); CLASSES].map(|()| gap(random.bits())),
-            random,
+            clock: [(); CLASSES].map(|()| settings.flow[0].stroke.gap(random.bits())),
+            settings,
+            source: Source::new(random),
             banks: [Bank::new(), Bank::new()],
             live: 0,
             births_per_block,
             swing: 0,
+            flows: false,
+            hits: Hits::new(),
         }
     }
 
@@ -536,12 +585,20 @@ impl Population {
             *new = Bank::new();
             new.tuning = settings.tuning;
         }
+        for (clock, (old, new)) in
+            (self.clock.iter_mut()).zip(self.settings.flow.iter().zip(&settings.flow))
+        {
+            *clock = *clock << new.scale.saturating_sub(old.scale)
+                >> old.scale.saturating_sub(new.scale);
+        }
         self.settings.clone_from(settings);
+        self.flows =
+            (settings.flow.iter()).any(|flow| flow.stroke.per_block > 0 || flow.crowd.is_some());
     }
 
     /// Whether nothing rings.
     pub fn is_silent(&self) -> bool {
-        self.banks.iter().all(|bank| bank.ringing == 0)
+        self.banks.iter().all(|bank| bank.count == 0)
     }
 
     /// Renders one block that begins at `frame` into a silent `out`; rising bubbles go to `voices`.
@@ -557,46 +614,65 @@ impl Population {
         S: AsRef<[Voice]> + AsMut<[Voice]>,
         O: Observer,
     {
-        self.banks[self.live ^ 1].ring_out(out);
-        let room = self.room();
+        self.source.room = self.room();
+        self.source.left = self.births_per_block;
+        let hits = &mut self.hits;
+        let mut swing = self.banks[self.live ^ 1].ring_out(hits, out);
         let bank = &mut self.banks[self.live];
-        let mut births = Births {
-            frame,
-            settings: &self.settings,
-            random: &mut self.random,
-            clock: &mut self.clock,
-            left: self.births_per_block,
-            room,
-            voices,
-            stats,
-            observer,
-        };
-        let settings = &self.settings;
-        let mut k = 0;
-        while k < settings.classes {
-            let pair = k + 1 < settings.classes
-                && settings.is_dense(k)
-                && settings.is_dense(k + 1)
-                && settings.tuning[k].form == settings.tuning[k + 1].form;
-            if pair {
-                bank.ring_struck_pair(k, &[births.gather(k), births.gather(k + 1)], out);
-                k += 2;
-            } else if settings.is_dense(k) {
-                bank.ring_struck(k, &births.gather(k), out);
-                k += 1;
-            } else {
-                bank.ring_with(k, &mut births, out);
-                k += 1;
+        if self.flows {
+            let settings = &self.settings;
+            let mut births = Births {
+                frame,
+                settings,
+                source: &mut self.source,
+                clock: &mut self.clock,
+                voices,
+                stats,
+                observer,
+            };
+            let mut k = 0;
+            while k < settings.classes {
+                let pair = k + 1 < settings.classes
+                    && settings.is_dense(k)
+                    && settings.is_dense(k + 1)
+                    && settings.tuning[k].form == settings.tuning[k + 1].form;
+                if pair {
+                    let strikes = [births.gather(k), births.gather(k + 1)];
+                    swing += bank.ring_struck_pair(k, &strikes, out);
+                    k += 2;
+                } else if settings.is_dense(k) {
+                    swing += bank.ring_struck(k, &births.gather(k), out);
+                    k += 1;
+                } else if births.wait(k) {
+                    swing += bank.ring_on(k, hits, out);
+                    k += 1;
+                } else {
+                    swing += bank.ring_with(k, &mut births, hits, out);
+                    k += 1;
+                }
             }
+            let births = u64::from(self.births_per_block - self.source.left);
+            stats.births = stats.births.wrapping_add(births);
+        } else {
+            swing += bank.ring_out(hits, out);
         }
-        let mut swing: u64 = self.banks.iter_mut().map(Bank::settle).sum();
+        if swing > SWING_MAX / 2 {
+            swing = self.hold(stats);
+        }
+        self.swing = swing as u32;
+    }
+
+    /// Keeps the swing of all classes inside its limit.
+    #[inline(never)]
+    fn hold(&mut self, stats: &mut Stats) -> u64 {
+        let mut swing: u64 = self.banks.iter().map(Bank::swing).sum();
         while swing > SWING_MAX {
             // Far beyond full scale: everything gives way at once, rather than wrap.
             self.banks.iter_mut().for_each(Bank::halve);
             swing /= 2;
             stats.overloads = stats.overloads.wrapping_add(1);
         }
-        self.swing = swing as u32;
+        swing
     }
 
     /// Pressure that this block's births may come to, Q27 of a pascal: what with pan (√2) and growth before the birth
@@ -608,38 +684,15 @@ impl Population {
     }
 }
 
-/// Births expected until the next one, over ln 2, from 32 random bits: −log2(rnd), Q32.32.
-#[inline(always)]
-fn gap(bits: u32) -> u64 {
-    u64::from(neg_log2(bits)) << 6
-}
-
 /// Where the bubbles of one block come from and go to.
 struct Births<'a, S, O> {
     frame: u64,
     settings: &'a Settings,
-    random: &'a mut Random,
+    source: &'a mut Source,
     clock: &'a mut [u64; CLASSES],
-    /// Births that this block still takes.
-    left: u32,
-    /// Pressure that the population still takes in this block, Q27 of a pascal.
-    room: u32,
     voices: &'a mut Voices<S>,
     stats: &'a mut Stats,
     observer: &'a mut O,
-}
-
-/// A class's turn in a block: what it is drawn by, and what it draws from, in registers.
-struct Turn<'a> {
-    k: usize,
-    law: Law,
-    flow: &'a Flow,
-    tuning: &'a Tuning,
-    clock: u64,
-    random: Random,
-    /// Births and pressure that the block still takes of this class.
-    left: u32,
-    room: u32,
 }
 
 impl<'a, S, O> Births<'a, S, O>
@@ -651,115 +704,112 @@ where
     #[inline(always)]
     fn gather(&mut self, k: usize) -> Strikes {
         let mut strikes: Strikes = [StrikeWords::default(); BLOCK];
-        // Copies: nothing else can change them, so that they stay in registers.
-        let (flow, tuning) = (self.settings.flow[k], self.settings.tuning[k]);
-        let mut turn = self.begin(k, &flow, &tuning);
-        if let Some(crowd) = &flow.crowd {
-            self.crowd(&mut turn, crowd, &mut strikes);
+        let settings = self.settings;
+        let form = settings.tuning[k].form;
+        let mut room = self.source.room.min(STRIKES_MAX);
+        if let Some(crowd) = &settings.flow[k].crowd {
+            self.crowd(k, crowd, &mut room, &mut strikes);
         }
-        while let Some((position, bits)) = self.next(&mut turn) {
-            if let Some((sample, strike)) = self.birth(&mut turn, position, bits) {
-                strikes[sample].add(strike);
+        loop {
+            let drawn = self.draw(k);
+            self.strike(k, drawn.count, &mut room, |sample, impulse| {
+                strikes[sample].add(form.strike(impulse));
+            });
+            if !self.goes_on(k, drawn) {
+                break;
             }
         }
-        self.end(turn);
+        self.source.room -= self.source.room.min(STRIKES_MAX) - room;
         strikes
     }
 
+    /// Whether class `k` has no birth in this block; then its clock is set for the next one.
     #[inline(always)]
-    fn begin<'b>(&self, k: usize, flow: &'b Flow, tuning: &'b Tuning) -> Turn<'b> {
-        Turn {
-            k,
-            law: self.settings.law,
-            flow,
-            tuning,
-            clock: self.clock[k],
-            random: self.random.clone(),
-            left: self.left,
-            room: self.room.min(STRIKES_MAX),
+    fn wait(&mut self, k: usize) -> bool {
+        let clock = &mut self.clock[k];
+        let per_block = u64::from(self.settings.flow[k].stroke.per_block);
+        let waits = *clock >= per_block;
+        if waits {
+            *clock -= per_block;
         }
+        waits
     }
 
+    /// Draws class `k`'s births in this block; where they are nothing out of the ordinary, the class rings with them too.
     #[inline(always)]
-    fn end(&mut self, turn: Turn<'_>) {
-        self.clock[turn.k] = turn.clock;
-        *self.random = turn.random;
-        let births = u64::from(self.left - turn.left);
-        self.stats.births = self.stats.births.wrapping_add(births);
-        self.left = turn.left;
-        self.room -= self.room.min(STRIKES_MAX) - turn.room;
+    fn play(&mut self, k: usize, tuning: &Tuning, state: &mut State, out: &mut Block) -> Outcome {
+        if self.observer.watches_births() {
+            return Outcome::Drawn(self.draw(k));
+        }
+        let stroke = &self.settings.flow[k].stroke;
+        play(tuning, state, stroke, &mut self.clock[k], self.source, out)
     }
 
-    /// Where in this block the class's next birth falls, with 32 random bits; its clock is then set for the one after
-    /// it.
+    /// Draws births of class `k` in this block.
     #[inline(always)]
-    fn next(&mut self, turn: &mut Turn<'_>) -> Option<(u32, u32)> {
-        let now = turn.clock;
-        if now >= turn.flow.per_block {
-            turn.clock = now - turn.flow.per_block;
-            return None;
-        }
-        if turn.left == 0 {
-            // The block is full: the next one begins with a birth.
+    fn draw(&mut self, k: usize) -> Drawn {
+        let stroke = &self.settings.flow[k].stroke;
+        let watched = self.observer.watches_births();
+        let silent_below = if watched { 0 } else { stroke.silent_below };
+        self.source.draw(stroke, &mut self.clock[k], silent_below)
+    }
+
+    /// Whether there may be more births of class `k` in this block than those drawn. Where the block is full, the next
+    /// one begins with a birth.
+    #[inline(always)]
+    fn goes_on(&mut self, k: usize, drawn: Drawn) -> bool {
+        let full = drawn.more && self.source.left == 0;
+        if full {
             self.stats.late = self.stats.late.wrapping_add(1);
-            turn.clock = 0;
-            return None;
+            self.clock[k] = 0;
         }
-        turn.left -= 1;
-        turn.clock = now + gap(turn.random.bits());
-        Some((turn.flow.position(now), turn.random.bits()))
+        drawn.more && !full
     }
 
-    /// One bubble: a voice if it rises and finds one; else what its class is struck with, and after which sample.
+    /// What becomes of the bubbles drawn last: each a voice if it rises and finds one; else `hit` is told what the class
+    /// is struck with, and after which sample.
     #[inline(always)]
-    fn birth(
+    fn strike(
         &mut self,
-        turn: &mut Turn<'_>,
-        position: u32,
-        bits: u32,
-    ) -> Option<(usize, StrikeWords)> {
-        let Turn {
-            k,
-            law,
-            flow,
-            tuning,
-            ..
-        } = *turn;
-        let fraction = position & 0x07ff_ffff;
-        let mut draw = bits;
-        if flow.crowd.is_some() {
-            // The crowd has the softer ones.
-            let span = u64::from(u32::MAX - law.crowd_below);
-            draw = law.crowd_below + ((u64::from(bits) * span) >> 32) as u32;
+        k: usize,
+        count: usize,
+        room: &mut u32,
+        mut hit: impl FnMut(usize, Impulse),
+    ) {
+        let (flow, tuning) = (&self.settings.flow[k], &self.settings.tuning[k]);
+        let stroke = &flow.stroke;
+        for i in 0..count {
+            let [position, bits] = self.source.drawn[i];
+            let mut draw = bits;
+            if flow.crowd.is_some() {
+                // The crowd has the softer ones.
+                draw = stroke.still + high(bits, u32::MAX - stroke.still);
+            }
+            if tuning.form == Form::Silent {
+                self.stats.too_high = self.stats.too_high.wrapping_add(1);
+                self.report(k, position, [0; 2], Path::TooHigh);
+                continue;
+            }
+            let soft = stroke.softness(draw);
+            let pan = stroke.pan(bits);
+            let rises = stroke.still < ALL_STILL && draw > stroke.still;
+            if rises && self.voice(k, position, soft, pan) {
+                continue;
+            }
+            if draw < stroke.silent_below || (rises && soft > flow.inaudible) {
+                self.report(k, position, [0; 2], Path::Class);
+                continue;
+            }
+            let (impulse, pressure) = stroke.impulse(tuning, position, soft, pan);
+            if !take(room, pressure >> 2) {
+                self.stats.overloads = self.stats.overloads.wrapping_add(1);
+                self.report(k, position, [0; 2], Path::Dropped);
+                continue;
+            }
+            let gain = [impulse.left, impulse.right].map(|gain| gain >> 1);
+            self.report(k, position, gain, Path::Class);
+            hit((position >> 27) as usize, impulse);
         }
-        // -log2 D, Q20.
-        let soft = ((u64::from(neg_log2(draw)) * u64::from(law.exponent)) >> 32) as u32;
-        // The lowest bits are the generator's weakest: pan takes eight above them.
-        let pan = pan(bits >> 4, law.width);
-        if tuning.form == Form::Silent {
-            self.stats.too_high = self.stats.too_high.wrapping_add(1);
-            self.report(k, position, [0; 2], Path::TooHigh);
-            return None;
-        }
-        if soft < law.rise_below && self.voice(k, position, soft, pan) {
-            return None;
-        }
-        let decayed = soft + tuning.decay_over((1 << 27) - fraction);
-        if decayed > flow.inaudible {
-            self.report(k, position, [0; 2], Path::Class);
-            return None;
-        }
-        let pressure = ((u64::from(flow.pressure) * u64::from(exp2_neg(decayed))) >> 31) as u32;
-        let [left, right] = pan.map(|gain| ((i64::from(pressure) * i64::from(gain)) >> 30) as i32);
-        if !turn.has_room(pressure) {
-            self.stats.overloads = self.stats.overloads.wrapping_add(1);
-            self.report(k, position, [0; 2], Path::Dropped);
-            return None;
-        }
-        self.report(k, position, [left, right], Path::Class);
-        let words = tuning.words(sine_cosine(tuning.phase_over(fraction).wrapping_neg()));
-        let strike = StrikeWords::of_bubble(left, right, words);
-        Some(((position >> 27) as usize, strike))
     }
 
     /// Tells the observer of a birth.
@@ -783,10 +833,11 @@ where
 
     /// Gives a rising bubble a voice. False where none was to be had.
     #[inline(never)]
-    fn voice(&mut self, k: usize, position: u32, soft: u32, pan: [i32; 2]) -> bool {
+    fn voice(&mut self, k: usize, position: u32, soft: u32, pan: [u32; 2]) -> bool {
         let flow = &self.settings.flow[k];
         let pressure = (u64::from(flow.voice_pressure) * u64::from(exp2_neg(soft))) >> 31;
-        let gain = pan.map(|gain| ((pressure * gain as u64) >> 30).min(i32::MAX as u64) as i32);
+        let gain = pan.map(|gain| (pressure * u64::from(gain)) >> 31);
+        let gain = gain.map(|gain| gain.min(i32::MAX as u64) as i32);
         let age = (1 << 27) - (position & 0x07ff_ffff);
         let delay = (position >> 27) + 1;
         let voice = self.settings.pitch[k].start(age, delay, gain);
@@ -806,21 +857,22 @@ where
 
     /// A block of a class with more than one birth a sample.
     #[inline(never)]
-    fn crowd(&mut self, turn: &mut Turn<'_>, crowd: &Crowd, strikes: &mut Strikes) {
-        let births = crowd.count(&mut turn.random);
+    fn crowd(&mut self, k: usize, crowd: &Crowd, room: &mut u32, strikes: &mut Strikes) {
+        let tuning = &self.settings.tuning[k];
+        let births = crowd.count(&mut self.source.random);
         self.stats.births = self.stats.births.wrapping_add(births);
         let mut seen = CrowdSeen {
             frame: self.frame,
-            radius: turn.tuning.radius,
-            class: turn.k as u8,
+            radius: tuning.radius,
+            class: k as u8,
             words: StrikeWords::default(),
             births,
             path: Path::Class,
         };
-        if turn.tuning.form == Form::Silent {
+        if tuning.form == Form::Silent {
             self.stats.too_high = self.stats.too_high.wrapping_add(births);
             seen.path = Path::TooHigh;
-        } else if !turn.has_room(crowd.most) {
+        } else if !take(room, crowd.most) {
             self.stats.overloads = self.stats.overloads.wrapping_add(births);
             seen.path = Path::Dropped;
         }
@@ -829,7 +881,7 @@ where
             return;
         }
         for (i, strike) in strikes.iter_mut().enumerate() {
-            *strike = crowd.draw(&mut turn.random);
+            *strike = crowd.draw(&mut self.source.random);
             let i = i as u64;
             self.observer.crowd(&CrowdSeen {
                 frame: self.frame.wrapping_add(i),
