@@ -15,35 +15,79 @@ fn table(out: &mut String, name: &str, doc: &str, kind: &str, values: impl Itera
     .unwrap();
 }
 
+fn pairs(
+    out: &mut String,
+    name: &str,
+    doc: &str,
+    kind: &str,
+    values: impl Iterator<Item = [f64; 2]>,
+) {
+    let pairs = values.map(|[a, b]| format!("[{}, {}]", libm::round(a), libm::round(b)));
+    let pairs: Vec<String> = pairs.collect();
+    writeln!(
+        out,
+        "/// {doc}\npub static {name}: [[{kind}; 2]; {}] = [{}];",
+        pairs.len(),
+        pairs.join(", ")
+    )
+    .unwrap();
+}
+
 fn main() {
+    // The multiplications of a Cortex-M4: SMLAL with SMMLA.
+    println!("cargo::rustc-check-cfg=cfg(dsp)");
+    let target = env::var("TARGET").expect("cargo sets TARGET");
+    if target.starts_with("thumbv7em") {
+        println!("cargo::rustc-cfg=dsp");
+    }
     let q26 = libm::exp2(26.0);
     let q30 = libm::exp2(30.0);
     let q31 = libm::exp2(31.0);
     let turn = 2.0 * std::f64::consts::PI;
     let mut out = String::new();
-    let sine = |i: i32| libm::round(libm::sin(turn * f64::from(i) / 1024.0) * (q31 - 8.0)) as i64;
-    let pairs: Vec<String> = (0..1024)
-        .map(|i| format!("[{}, {}]", sine(i), 2 * (sine(i + 1) - sine(i))))
-        .collect();
-    writeln!(
-        out,
-        "/// sin of i/1024 turn, full scale 2^31 - 8, and twice its growth to the next entry.\npub static SINE: [[i32; 2]; 1024] = [{}];",
-        pairs.join(", ")
-    )
-    .unwrap();
-    table(
+    let sine = |i: i32| libm::round(libm::sin(turn * f64::from(i) / 1024.0) * (q31 - 8.0));
+    pairs(
         &mut out,
-        "LOG2",
-        "log2(1 + i/256), Q26.",
-        "u32",
-        (0..=256).map(|i| libm::log2(1.0 + f64::from(i) / 256.0) * q26),
+        "SINE",
+        "sin of i/1024 turn, full scale 2^31 - 8, and twice its growth to the next entry.",
+        "i32",
+        (0..1024).map(|i| [sine(i), 2.0 * (sine(i + 1) - sine(i))]),
     );
-    table(
+    pairs(
         &mut out,
-        "EXP2",
-        "2^(-i/256), Q31.",
+        "SINE_COSINE",
+        "Sine and cosine of i/1024 turn, Q30.",
+        "i32",
+        (0..1024).map(|i| {
+            let phase = turn * f64::from(i) / 1024.0;
+            [libm::sin(phase) * q30, libm::cos(phase) * q30]
+        }),
+    );
+    // A line through both ends of each stretch, as what it is at 0, and its growth to the end of the table.
+    let chord = |f: &dyn Fn(f64) -> f64, i: i32| {
+        let (begin, end) = (f(f64::from(i) / 256.0), f(f64::from(i + 1) / 256.0));
+        [begin - f64::from(i) * (end - begin), 256.0 * (end - begin)]
+    };
+    pairs(
+        &mut out,
+        "NEG_LOG2",
+        "1 - log2(1 + x) for x in the i-th of 256 parts, Q26, by a line; never below 0. The growth is for an x of Q31, less 1.",
+        "i32",
+        (0..256).map(|i| {
+            let [begin, growth] = chord(&|x| (1.0 - libm::log2(1.0 + x)) * q26, i);
+            let growth = libm::round(2.0 * growth);
+            [libm::ceil(begin + growth / 2.0 + 0.25), growth]
+        }),
+    );
+    pairs(
+        &mut out,
+        "EXP2_NEG",
+        "2^-x for x in the i-th of 256 parts, Q31, by a line. The fall is for an x of Q32.",
         "u32",
-        (0..=256).map(|i| libm::exp2(-f64::from(i) / 256.0) * q31),
+        (0..256).map(|i| {
+            let [begin, growth] = chord(&|x| libm::exp2(-x) * q31, i);
+            [begin, -growth]
+        }),
     );
     table(
         &mut out,
@@ -55,12 +99,13 @@ fn main() {
             libm::exp(-over * over / 0.002_812_5) * (q31 - 1.0)
         }),
     );
-    table(
+    let gain = |i: i32| libm::sqrt(2.0) * libm::sin(turn / 4.0 * f64::from(i) / 256.0) * q31;
+    pairs(
         &mut out,
         "PAN",
-        "Gain of the right ear at i/256 of the way from left to right, 1 in the middle, Q30.",
-        "i32",
-        (0..=256).map(|i| libm::sqrt(2.0) * libm::sin(turn / 4.0 * f64::from(i) / 256.0) * q30),
+        "Gains of the two ears at i/256 of the way from left to right, 1 in the middle, Q31.",
+        "u32",
+        (0..256).map(|i| [gain(256 - i), gain(i)]),
     );
     let dir = env::var("OUT_DIR").expect("cargo sets OUT_DIR");
     fs::write(Path::new(&dir).join("tables.rs"), out).expect("OUT_DIR can be written");

@@ -23,6 +23,12 @@ pub fn mul_high_down(a: i32, b: i32) -> i32 {
     ((i64::from(a) * i64::from(b)) >> 32) as i32
 }
 
+/// High word of the unsigned product (UMULL).
+#[inline(always)]
+pub fn high(a: u32, b: u32) -> u32 {
+    ((u64::from(a) * u64::from(b)) >> 32) as u32
+}
+
 /// Sine of `phase` (2^32 to the turn), Q31, within 5e-6 of full scale.
 #[inline(always)]
 pub fn sine(phase: u32) -> i32 {
@@ -30,49 +36,47 @@ pub fn sine(phase: u32) -> i32 {
     value + mul_high_down(growth, ((phase << 9) & 0x7fff_ffff) as i32)
 }
 
-/// Sine and cosine of `phase`, Q31, within 5e-6 of full scale: the nearest entry, turned by the small rest.
+/// Sine and cosine of `phase`, Q30, within 5e-6 of full scale: the nearest entry, turned by the small rest.
 #[inline(always)]
 pub fn sine_cosine(phase: u32) -> (i32, i32) {
-    let near = phase.wrapping_add(1 << 21);
-    let i = (near >> 22) as usize;
-    let (s, c) = (SINE[i][0], SINE[(i + 256) & 1023][0]);
-    // The rest in radians, Q32.
-    let rest = phase.wrapping_sub(near & !0x003f_ffff) as i32;
-    let angle = mul_high(rest << 4, TWO_PI);
-    (s + mul_high(angle, c), c - mul_high(angle, s))
+    /// 2π, Q22.
+    const TWO_PI: i32 = 26_353_589;
+    let [s, c] = SINE_COSINE[(phase.wrapping_add(1 << 21) >> 22) as usize];
+    // The rest, that is the lower 22 bits with their sign, in radians, Q32.
+    let angle = mul_high((phase << 10) as i32, TWO_PI);
+    (s + mul_high(angle, c), c + mul_high(-angle, s))
 }
 
-/// 2π, Q28.
-const TWO_PI: i32 = 1_686_629_713;
+/// Gains of both ears, Q31, from 8 random bits, the width (256: full) and where its left edge is, Q8.
+#[inline(always)]
+pub fn pan(draw: u32, width: i32, edge: i32) -> [u32; 2] {
+    PAN[(((draw & 0xff) as i32 * width + edge) >> 8) as usize & 0xff]
+}
 
 /// Cosine of so many turns, from 0 to 1, for the control path; within 5e-6.
 pub fn cosine(turns: f32) -> f32 {
     const TURN: f32 = (1u64 << 32) as f32;
     let (_, cosine) = sine_cosine((turns * TURN) as u32);
-    cosine as f32 / (1u32 << 31) as f32
+    cosine as f32 / (1u32 << 30) as f32
 }
 
-/// `-log2(n / 2^32)`, Q26, within 3e-6; 0 is taken as 1.
+/// `-log2(n / 2^32)`, Q26, within 3e-6; 31.6 for 0.
 #[inline(always)]
 pub fn neg_log2(n: u32) -> u32 {
-    let n = n | 1;
     let zeros = n.leading_zeros();
-    let mantissa = n << zeros;
-    let i = (mantissa >> 23 & 0xff) as usize;
-    let t = mantissa & 0x7f_ffff;
-    let low = LOG2[i];
-    let log = low + (((LOG2[i + 1] - low) as u64 * t as u64) >> 23) as u32;
-    ((zeros + 1) << 26) - log
+    let mantissa = (u64::from(n) << zeros) as u32;
+    let [begin, growth] = NEG_LOG2[(mantissa >> 23 & 0xff) as usize];
+    // The mantissa's highest bit is taken as a sign.
+    let log = begin + mul_high_down(growth, mantissa as i32);
+    (zeros << 26).wrapping_add_signed(log)
 }
 
-/// `2^-x` for `x` in Q20, as Q31, within 1e-6 relative.
+/// `2^-x` for `x` in Q20 and below 32, as Q31, within 1e-6 relative.
 #[inline(always)]
 pub fn exp2_neg(x: u32) -> u32 {
-    let whole = (x >> 20).min(31);
-    let i = (x >> 12 & 0xff) as usize;
-    let high = EXP2[i];
-    let drop = (u64::from(high - EXP2[i + 1]) * u64::from(x & 0xfff)) >> 12;
-    (high - drop as u32) >> whole
+    let fraction = x << 12;
+    let [begin, fall] = EXP2_NEG[(fraction >> 24) as usize];
+    (begin - high(fall, fraction)) >> (x >> 20 & 31)
 }
 
 /// `(2^63 − 1) / divisor` for a divisor from 2^31 up, by two divisions of 32 bits: many times as fast as one of 64.

@@ -1,147 +1,192 @@
-//! The resonators' inner loops in assembly for ARMv7E-M; [`resonator`](crate::resonator) has their twins in Rust, which
-//! give the same bits. The only file with unsafe code.
+//! The inner loops: births are drawn, and a class of bubbles rings for a block while they strike it.
 //!
-//! A compiler finds the 64-bit multiply-accumulate (SMLAL) but not a place for everything: both ears' eight words,
-//! three coefficients, the pointer and a frame fill all fourteen registers. All 32 frames are unrolled, and a shorter
-//! run jumps into them.
-#![allow(unsafe_code)]
+//! Twice the same, sample for sample: in plain Rust, and in assembly where the processor has the multiplications of a
+//! Cortex-M4 (`build.rs` says so).
 
-use core::arch::global_asm;
+#[cfg(dsp)]
+mod cortex_m;
+#[cfg(not(dsp))]
+mod portable;
 
-use crate::frame::{BLOCK, Frame};
+#[cfg(dsp)]
+pub use cortex_m::{Hits, play, ring};
+#[cfg(not(dsp))]
+pub use portable::{Hits, play, ring};
 
-// The number of frames that are unrolled.
-const _: () = assert!(BLOCK == 32);
+use crate::fixed::{exp2_neg, high, neg_log2, pan, sine_cosine};
+use crate::random::Random;
+use crate::resonator::{Impulse, Tuning};
 
-// Instructions a frame, both ears: 10 (circle), 12 (direct); and about 30 a call.
-global_asm!(
-    ".syntax unified",
-    ".thumb",
-    // (r0: words yl, vl, yr, vr as 64 bits; r1: frames; r2: out; r3: -g, Q32; [sp]: -b, Q32)
-    ".section .text.freshet_circle,\"ax\",%progbits",
-    ".balign 4",
-    ".global freshet_circle",
-    ".type freshet_circle,%function",
-    ".thumb_func",
-    "freshet_circle:",
-    "push {{r0, r4-r11, lr}}",
-    "movs r4, #36", // bytes of a frame
-    "mul r1, r1, r4",
-    "adr.w r4, 9f",
-    "subs r4, r4, r1",
-    "orr r12, r4, #1",
-    "ldr lr, [sp, #40]",
-    "ldm r0, {{r4-r11}}",
-    "rsb r1, r3, #0",
-    "mov r0, r3",
-    "bx r12",
-    // r0: -g, r1: g, lr: -b; r4-r5: yl, r6-r7: vl, r8-r9: yr, r10-r11: vr; r3, r12: the frame.
-    ".rept 32",
-    "ldrd r3, r12, [r2]",
-    "smlal r6, r7, lr, r7", // v += -b·v
-    "smlal r6, r7, r0, r5", // v += -g·y
-    "smlal r4, r5, r1, r7", // y += g·v
-    "smlal r10, r11, lr, r11",
-    "smlal r10, r11, r0, r9",
-    "smlal r8, r9, r1, r11",
-    "add r3, r5",
-    "add r12, r9",
-    "strd r3, r12, [r2], #8",
-    ".endr",
-    ".balign 4",
-    "9:",
-    "pop {{r0}}",
-    "stm r0, {{r4-r11}}",
-    "pop {{r4-r11, pc}}",
-    ".size freshet_circle, . - freshet_circle",
-    // (r0: the same words, of which the upper halves count; r1: frames; r2: out; r3: a1, Q30; [sp]: a2, Q30)
-    ".section .text.freshet_direct,\"ax\",%progbits",
-    ".balign 4",
-    ".global freshet_direct",
-    ".type freshet_direct,%function",
-    ".thumb_func",
-    "freshet_direct:",
-    "push {{r0, r4-r11, lr}}",
-    "mov r8, r3",
-    "ldr r9, [sp, #40]",
-    "ldr r4, [r0, #4]",
-    "ldr r5, [r0, #12]",
-    "ldr r6, [r0, #20]",
-    "ldr r7, [r0, #28]",
-    // The words change places each frame; an odd run enters with them changed.
-    "tst r1, #1",
-    "ittt ne",
-    "movne r10, r4",
-    "movne r4, r5",
-    "movne r5, r10",
-    "ittt ne",
-    "movne r10, r6",
-    "movne r6, r7",
-    "movne r7, r10",
-    "movs r10, #44", // bytes of a frame
-    "mul r1, r1, r10",
-    "adr.w r10, 9f",
-    "subs r10, r10, r1",
-    "orr r10, r10, #1",
-    "bx r10",
-    // r8: a1, r9: a2; r4, r5: the left ear's last words, r6, r7: the right one's; r3, r12: the frame.
-    ".rept 16",
-    "ldrd r3, r12, [r2]",
-    "smull r0, r1, r8, r4",
-    "smlal r0, r1, r9, r5",
-    "lsl.w r1, r1, #2",
-    "orr r5, r1, r0, lsr #30",
-    "smull r0, r1, r8, r6",
-    "smlal r0, r1, r9, r7",
-    "lsl.w r1, r1, #2",
-    "orr r7, r1, r0, lsr #30",
-    "add r3, r5",
-    "add r12, r7",
-    "strd r3, r12, [r2], #8",
-    "ldrd r3, r12, [r2]",
-    "smull r0, r1, r8, r5",
-    "smlal r0, r1, r9, r4",
-    "lsl.w r1, r1, #2",
-    "orr r4, r1, r0, lsr #30",
-    "smull r0, r1, r8, r7",
-    "smlal r0, r1, r9, r6",
-    "lsl.w r1, r1, #2",
-    "orr r6, r1, r0, lsr #30",
-    "add r3, r4",
-    "add r12, r6",
-    "strd r3, r12, [r2], #8",
-    ".endr",
-    ".balign 4",
-    "9:",
-    "pop {{r0}}",
-    "movs r1, #0",
-    "strd r1, r4, [r0]",
-    "strd r1, r5, [r0, #8]",
-    "strd r1, r6, [r0, #16]",
-    "strd r1, r7, [r0, #24]",
-    "pop {{r4-r11, pc}}",
-    ".size freshet_direct, . - freshet_direct",
-    ".text",
-);
+/// Most births that are drawn at a time.
+pub const DRAWN: usize = 48;
 
-unsafe extern "C" {
-    fn freshet_circle(words: *mut i64, frames: usize, out: *mut Frame, g: i32, b: i32);
-    fn freshet_direct(words: *mut i64, frames: usize, out: *mut Frame, a1: i32, a2: i32);
+/// What the births of one class are drawn by. The assembly knows where its words are.
+#[derive(Clone, Copy, Debug)]
+#[repr(C)]
+pub struct Stroke {
+    /// Births in a block, over ln 2, in units of the class's clock.
+    pub per_block: u32,
+    /// Those units in one of a gap's `-log2(rnd)` (Q26, shifted down by `coarse`).
+    pub gap: u32,
+    /// What is missing from 2^32 over `per_block` to 1, Q32.
+    pub stretch: u32,
+    /// Random numbers below this are surely inaudible and do not rise, Q32.
+    pub silent_below: u32,
+    /// A bubble rises where its random number is above this, Q32; the others may be left to a crowd.
+    pub still: u32,
+    /// β of `D = rnd^β`, Q26.
+    pub exponent: u32,
+    /// Decay in powers of two a sample, Q31.
+    pub decay: u32,
+    /// Turns a sample, Q32.
+    pub step: u32,
+    /// Width of the stage, 256 is full, and where its left edge is, Q8.
+    pub width: i32,
+    /// See `width`.
+    pub edge: i32,
+    /// Pressure of a bubble of depth factor 1, one sample before it is due, Q30 of a pascal.
+    pub pressure: u32,
+    /// The second state word of a bubble of phase φ is `second[0]·sin φ + second[1]·cos φ`, Q30.
+    pub second: [i32; 2],
+    /// 0, unless there are more than 44 births a block.
+    pub coarse: u32,
 }
 
-/// Runs both ears of a circle (words y and v; coefficients −g and −b, Q32) over `out`, which is a block or less, adding.
-#[inline(always)]
-pub fn circle(ears: &mut [[i64; 2]; 2], [g, b]: [i32; 2], out: &mut [Frame]) {
-    let frames = out.len().min(BLOCK);
-    // SAFETY: reads and writes the four words and so many frames, no more than are unrolled; keeps every register that
-    // the procedure call standard asks for.
-    unsafe { freshet_circle(ears.as_mut_ptr().cast(), frames, out.as_mut_ptr(), g, b) }
+/// What all classes draw their births from. The assembly knows where its words are.
+#[derive(Clone, Debug)]
+#[repr(C)]
+pub struct Source {
+    /// Where chance comes from.
+    pub random: Random,
+    /// Births that this block still takes.
+    pub left: u32,
+    /// Pressure that the population still takes in this block, Q27 of a pascal.
+    pub room: u32,
+    /// The births drawn last: positions in the block, with 32 random bits each; one place is for an end mark.
+    pub drawn: [[u32; 2]; DRAWN + 1],
 }
 
-/// The same for a direct form: its last two outputs in the words' upper halves; coefficients a1 and a2, Q30.
-#[inline(always)]
-pub fn direct(ears: &mut [[i64; 2]; 2], [a1, a2]: [i32; 2], out: &mut [Frame]) {
-    let frames = out.len().min(BLOCK);
-    // SAFETY: as above.
-    unsafe { freshet_direct(ears.as_mut_ptr().cast(), frames, out.as_mut_ptr(), a1, a2) }
+/// What became of a class's block.
+#[derive(Clone, Copy, Debug)]
+pub enum Outcome {
+    /// All is done, and its words are so far out, see [`State::extent`](crate::resonator::State::extent).
+    #[cfg_attr(not(dsp), expect(dead_code, reason = "plain Rust only draws"))]
+    Rung(u32),
+    /// Births are drawn, and wait.
+    Drawn(Drawn),
+}
+
+/// So many births that may be heard are listed.
+#[derive(Clone, Copy, Debug)]
+pub struct Drawn {
+    /// How many.
+    pub count: usize,
+    /// Whether there may be more in this block.
+    pub more: bool,
+}
+
+impl Source {
+    /// With the generator's first number to come.
+    pub fn new(random: Random) -> Self {
+        Self {
+            random,
+            left: 0,
+            room: 0,
+            drawn: [[0; 2]; DRAWN + 1],
+        }
+    }
+
+    /// Draws the next births of a class in this block and sets its clock for the one after them. Those whose random
+    /// number is below `silent_below` are not listed.
+    pub fn draw(&mut self, stroke: &Stroke, clock: &mut u64, silent_below: u32) -> Drawn {
+        let mut random = self.random.clone();
+        let mut at = *clock;
+        let limit = self.left.min(DRAWN as u32);
+        let per_block = u64::from(stroke.per_block);
+        let mut births = 0;
+        let mut count = 0;
+        while at < per_block && births < limit {
+            births += 1;
+            let [gap, bits] = random.pair();
+            if bits >= silent_below {
+                self.drawn[count] = [stroke.position(at as u32), bits];
+                count += 1;
+            }
+            at += stroke.gap(gap);
+        }
+        let more = at < per_block;
+        *clock = if more { at } else { at - per_block };
+        self.left -= births;
+        self.random = random;
+        Drawn { count, more }
+    }
+}
+
+impl Stroke {
+    /// No births.
+    pub const NONE: Self = Self {
+        per_block: 0,
+        gap: 1 << 31,
+        stretch: u32::MAX,
+        silent_below: 0,
+        still: u32::MAX - 1,
+        exponent: 0,
+        decay: 0,
+        step: 0,
+        width: 256,
+        edge: 0,
+        pressure: 0,
+        second: [0; 2],
+        coarse: 0,
+    };
+
+    /// What the clock gains until the next birth, from 32 random bits.
+    #[inline(always)]
+    pub fn gap(&self, bits: u32) -> u64 {
+        u64::from(neg_log2(bits) >> self.coarse) * u64::from(self.gap)
+    }
+
+    /// Where in the block the clock stands: the sample's index in the upper 5 bits, then the fraction, Q27.
+    #[inline(always)]
+    fn position(&self, clock: u32) -> u32 {
+        clock + high(clock, self.stretch)
+    }
+
+    /// `-log2 D` of the random number `draw`, Q20.
+    #[inline(always)]
+    pub fn softness(&self, draw: u32) -> u32 {
+        high(neg_log2(draw), self.exponent)
+    }
+
+    /// Gains of both ears, Q31.
+    #[inline(always)]
+    pub fn pan(&self, bits: u32) -> [u32; 2] {
+        // The lowest bits are the generator's weakest.
+        pan(bits >> 4, self.width, self.edge)
+    }
+
+    /// What a bubble strikes its class with, and its pressure, Q29 of a pascal.
+    #[inline(always)]
+    pub fn impulse(
+        &self,
+        tuning: &Tuning,
+        position: u32,
+        soft: u32,
+        pan: [u32; 2],
+    ) -> (Impulse, u32) {
+        // From the birth to the next sample, Q32; a bubble is struck as it would have been a sample before that.
+        let rest = !(position << 5);
+        let decayed = soft + (high(self.decay, rest) >> 11);
+        let pressure = high(self.pressure, exp2_neg(decayed));
+        let [left, right] = pan.map(|gain| high(pressure, gain) as i32);
+        let phase = high(self.step, rest).wrapping_sub(self.step);
+        let (first, second) = tuning.words(sine_cosine(phase));
+        let impulse = Impulse {
+            right,
+            left,
+            first,
+            second,
+        };
+        (impulse, pressure)
+    }
 }

@@ -15,7 +15,6 @@ pub mod control;
 pub mod drops;
 pub mod fixed;
 pub mod frame;
-#[cfg(target_arch = "arm")]
 mod kernel;
 pub mod limiter;
 pub mod mix;

@@ -1,8 +1,8 @@
 //! From the bus in pascal to the converter: level, DC blocker, tone, limiter, dither.
 
-use crate::fixed::{FULL_SCALE, mul_high, to_fixed};
+use crate::fixed::{FULL_SCALE, to_fixed};
 use crate::frame::{BLOCK, Block, Frame, TICK};
-use crate::limiter::{LOOK_AHEAD, Limiter};
+use crate::limiter::Limiter;
 use crate::random::{Random, Stream};
 use crate::stats::Stats;
 
@@ -19,7 +19,7 @@ pub enum Output {
 
 impl Output {
     /// Bits between the bus and the sample.
-    fn shift(self) -> u32 {
+    const fn shift(self) -> u32 {
         let bits = match self {
             Self::Raw => return 0,
             Self::Bits16 => 15,
@@ -35,8 +35,6 @@ pub const TONE_CORNER: f64 = 1000.0;
 const DC_CORNER: f64 = 1.9;
 /// Frames of exact silence after which the dither stops too.
 const DITHER_TAIL: u32 = 1024;
-/// After so many blocks of zeros the limiter's delay holds nothing else.
-const REST: usize = LOOK_AHEAD / BLOCK + 1;
 /// Gains are Q24: up to +42 dB.
 const UNITY: i32 = 1 << 24;
 
@@ -92,14 +90,12 @@ impl Glide {
     }
 
     fn aim(&mut self, target: i32) {
+        if self.settled() == Some(target) {
+            return;
+        }
         self.target = target;
         self.left = TICK as u32;
         self.step = ((i64::from(target) << 16) - self.now) / TICK as i64;
-    }
-
-    /// The gain of a whole block, where it does not move.
-    fn steady(&self) -> Option<i32> {
-        (self.left == 0).then_some((self.now >> 16) as i32)
     }
 
     #[inline(always)]
@@ -113,44 +109,54 @@ impl Glide {
         }
         (self.now >> 16) as i32
     }
+
+    /// The gain for as long as nothing new is aimed at; none where it is still moving.
+    fn settled(&self) -> Option<i32> {
+        (self.left == 0).then_some(self.target)
+    }
 }
 
 /// One ear's filters.
 #[derive(Clone, Copy, Debug, Default)]
 struct Ear {
     /// Running mean, Q32.32.
-    dc: i64,
+    mean: i64,
     /// The tone's low-pass, Q32.32.
     low: i64,
 }
 
 impl Ear {
-    /// Takes the running mean away.
     #[inline(always)]
     fn block_dc(&mut self, x: i32, corners: &Corners) -> i32 {
-        let x = x.saturating_sub((self.dc >> 32) as i32);
-        self.dc += i64::from(x) * i64::from(corners.dc);
+        let x = x.saturating_sub((self.mean >> 32) as i32);
+        self.mean += i64::from(x) * i64::from(corners.dc);
         x
     }
 
     #[inline(always)]
-    fn tilt(&mut self, x: i32, corners: &Corners, low: i32, high: i32) -> i32 {
-        let x = i64::from(x);
+    fn tone(&mut self, x: i32, corners: &Corners, low: i32, high: i32) -> i32 {
         // One pole by the trapezoidal rule: nothing is left of it at the top of the band.
-        let above = saturate(x - (self.low >> 32));
-        let step = i64::from(above) * i64::from(corners.tone);
-        let below = (self.low + (step << 1)) >> 32;
-        self.low += step << 2;
-        saturate((below * i64::from(low) + (x - below) * i64::from(high)) >> 24)
+        let above = x.saturating_sub((self.low >> 32) as i32);
+        let half_step = i64::from(above) * i64::from(corners.tone);
+        self.low += half_step;
+        let below = (self.low >> 32) as i32;
+        self.low += half_step;
+        let above = x.saturating_sub(below);
+        narrow(i64::from(below) * i64::from(low) + i64::from(above) * i64::from(high))
+    }
+
+    /// Whether silence goes through and changes nothing.
+    fn is_at_rest(&self) -> bool {
+        self.mean >> 32 == 0 && self.low >> 32 == 0
     }
 }
 
 /// Where the filters turn; they depend on the sample rate alone.
 #[derive(Clone, Copy, Debug)]
 struct Corners {
-    /// Part of a sample that goes into the DC blocker's mean, Q32.
+    /// The DC blocker's part of a sample, a power of two, Q32.
     dc: i32,
-    /// g/(1 + g) with g = tan(π·corner/rate), Q31.
+    /// g/(1 + g) with g = tan(π·corner/rate), Q32.
     tone: i32,
 }
 
@@ -158,45 +164,27 @@ impl Corners {
     fn new(sample_rate: f64) -> Self {
         let pi = core::f64::consts::PI;
         let g = libm::tan(pi * TONE_CORNER / sample_rate);
+        let octaves = libm::round(libm::log2(sample_rate / (2.0 * pi * DC_CORNER)));
         Self {
-            dc: 1 << (32 - libm::round(libm::log2(sample_rate / (2.0 * pi * DC_CORNER))) as u32),
-            tone: to_fixed(g / (1.0 + g), 31),
+            dc: to_fixed(libm::exp2(-octaves), 32),
+            tone: to_fixed(g / (1.0 + g), 32),
         }
     }
 }
 
+/// `x >> 24`, held inside an i32.
 #[inline(always)]
-fn saturate(x: i64) -> i32 {
-    x.clamp(i64::from(i32::MIN), i64::from(i32::MAX)) as i32
+fn narrow(x: i64) -> i32 {
+    let top = (x >> 32) as i32;
+    match top.clamp(-(1 << 23), (1 << 23) - 1) {
+        held if held == top => (x >> 24) as i32,
+        held => (held >> 31) ^ i32::MAX,
+    }
 }
 
-/// `x` times a gain in Q24, rounded.
 #[inline(always)]
 fn amplify(x: i32, gain: i32) -> i32 {
-    saturate((i64::from(x) * i64::from(gain) + (1 << 23)) >> 24)
-}
-
-/// The same for a whole block of one gain; the gains that are near one or below a half take one multiplication.
-fn amplify_block(block: &mut Block, gain: i32) {
-    let each = |block: &mut Block, f: &dyn Fn(i32) -> i32| {
-        for frame in block.iter_mut() {
-            *frame = Frame {
-                left: f(frame.left),
-                right: f(frame.right),
-            };
-        }
-    };
-    let over = i64::from(gain) - i64::from(UNITY);
-    if over == 0 {
-    } else if gain < UNITY / 2 {
-        let gain = gain << 8;
-        each(block, &|x| mul_high(x, gain));
-    } else if over <= 0 {
-        let over = (over << 8) as i32;
-        each(block, &|x| x + mul_high(x, over));
-    } else {
-        each(block, &|x| amplify(x, gain));
-    }
+    narrow(i64::from(x) * i64::from(gain) + (1 << 23))
 }
 
 /// The mix's state.
@@ -211,8 +199,6 @@ pub struct Mix {
     ears: [Ear; 2],
     limiter: Limiter,
     random: Random,
-    /// Blocks of zeros that came in lately, up to [`REST`].
-    zeros: usize,
     /// Frames since the last sample that was not zero.
     silence: u32,
 }
@@ -230,7 +216,6 @@ impl Mix {
             ears: [Ear::default(); 2],
             limiter: Limiter::new(sample_rate),
             random: Random::new(seed, Stream::Dither),
-            zeros: REST,
             silence: DITHER_TAIL,
         }
     }
@@ -245,78 +230,97 @@ impl Mix {
 
     /// Turns a block of the bus into a block of output.
     pub fn render(&mut self, block: &mut Block, stats: &mut Stats) {
-        let flat = self.low.steady() == Some(UNITY) && self.high.steady() == Some(UNITY);
-        if flat && self.level.left == 0 && self.stays_silent(block) {
+        if self.is_at_rest() && *block == [Frame::ZERO; BLOCK] {
             return;
         }
-        match self.level.steady() {
-            Some(gain) => amplify_block(block, gain),
-            None => {
-                for frame in block.iter_mut() {
-                    let level = self.level.next();
-                    frame.left = amplify(frame.left, level);
-                    frame.right = amplify(frame.right, level);
-                }
-            }
+        self.amplify(block);
+        match self.output {
+            Output::Raw => return,
+            Output::Bits16 | Output::Bits24 => self.filter(block),
         }
-        if self.output == Output::Raw {
-            return;
+        self.limiter.render(block, self.limiting, stats);
+        match self.output {
+            Output::Bits16 => self.dither::<{ Output::Bits16.shift() }>(block),
+            _ => self.dither::<{ Output::Bits24.shift() }>(block),
         }
-        let [left, right] = &mut self.ears;
+    }
+
+    /// Whether a silent block comes out silent and changes nothing.
+    fn is_at_rest(&self) -> bool {
+        [&self.level, &self.low, &self.high]
+            .iter()
+            .all(|gain| gain.left == 0)
+            && self.silence == DITHER_TAIL
+            && self.ears.iter().all(Ear::is_at_rest)
+            && self.limiter.is_at_rest()
+    }
+
+    fn amplify(&mut self, block: &mut Block) {
+        match self.level.settled() {
+            Some(UNITY) => {}
+            Some(level) => block.iter_mut().for_each(|frame| {
+                frame.left = amplify(frame.left, level);
+                frame.right = amplify(frame.right, level);
+            }),
+            None => block.iter_mut().for_each(|frame| {
+                let level = self.level.next();
+                frame.left = amplify(frame.left, level);
+                frame.right = amplify(frame.right, level);
+            }),
+        }
+    }
+
+    fn filter(&mut self, block: &mut Block) {
+        let corners = self.corners;
+        let [mut left, mut right] = self.ears;
         for frame in block.iter_mut() {
-            frame.left = left.block_dc(frame.left, &self.corners);
-            frame.right = right.block_dc(frame.right, &self.corners);
+            frame.left = left.block_dc(frame.left, &corners);
+            frame.right = right.block_dc(frame.right, &corners);
         }
-        if flat {
-            // As if it had followed: it is there within a millisecond, and the tone moves more slowly.
-            let last = block[BLOCK - 1];
-            left.low = i64::from(last.left) << 32;
-            right.low = i64::from(last.right) << 32;
+        let gains = (self.low.settled(), self.high.settled());
+        if gains == (Some(UNITY), Some(UNITY)) {
+            // Flat: begins anew when it is wanted, long before its gains have glided apart.
+            (left.low, right.low) = (0, 0);
+        } else if let (Some(low), Some(high)) = gains {
+            for frame in block.iter_mut() {
+                frame.left = left.tone(frame.left, &corners, low, high);
+                frame.right = right.tone(frame.right, &corners, low, high);
+            }
         } else {
             for frame in block.iter_mut() {
                 let (low, high) = (self.low.next(), self.high.next());
-                frame.left = left.tilt(frame.left, &self.corners, low, high);
-                frame.right = right.tilt(frame.right, &self.corners, low, high);
+                frame.left = left.tone(frame.left, &corners, low, high);
+                frame.right = right.tone(frame.right, &corners, low, high);
             }
         }
-        self.limiter.render(block, self.limiting, stats);
-        self.dither(block);
+        self.ears = [left, right];
     }
 
-    /// Whether zeros come in and, nothing being left of what came before, go out.
-    fn stays_silent(&mut self, block: &Block) -> bool {
-        let zeros = block.iter().all(|frame| *frame == Frame::ZERO);
-        self.zeros = if zeros { (self.zeros + 1).min(REST) } else { 0 };
-        self.zeros == REST
-            && self.silence == DITHER_TAIL
-            && self.limiter.is_open()
-            && self.ears.iter().all(|ear| ear.dc >> 32 == 0)
-    }
-
-    fn dither(&mut self, block: &mut [Frame; BLOCK]) {
-        let shift = self.output.shift();
-        let half = 1 << (shift - 1);
-        // In a register.
+    #[inline(always)]
+    fn dither<const SHIFT: u32>(&mut self, block: &mut Block) {
+        const { assert!(0 < SHIFT && SHIFT < 16) };
+        let top = (FULL_SCALE >> SHIFT) - 1;
         let mut random = self.random.clone();
+        let mut silence = self.silence;
         for frame in block {
-            if *frame == Frame::ZERO {
-                self.silence = (self.silence + 1).min(DITHER_TAIL);
-                if self.silence == DITHER_TAIL {
-                    continue;
-                }
+            silence = if *frame == Frame::ZERO {
+                (silence + 1).min(DITHER_TAIL)
             } else {
-                self.silence = 0;
+                0
+            };
+            if silence == DITHER_TAIL {
+                continue;
             }
             for x in [&mut frame.left, &mut frame.right] {
                 // Triangular, ±1 of the last bit: the difference of two uniform numbers.
                 let bits = random.bits();
                 let noise =
-                    (bits >> (32 - shift)) as i32 - ((bits & 0xffff) >> (16 - shift)) as i32;
-                // The limiter's ceiling leaves room for the noise.
-                *x = (*x + noise + half) >> shift;
+                    (bits >> (32 - SHIFT)) as i32 - ((bits & 0xffff) >> (16 - SHIFT)) as i32;
+                *x = ((*x + noise + (1 << (SHIFT - 1))) >> SHIFT).clamp(-top - 1, top);
             }
         }
         self.random = random;
+        self.silence = silence;
     }
 }
 

@@ -53,6 +53,11 @@ pub struct Crowd {
 
 /// Someone who wants to know.
 pub trait Observer {
+    /// Whether anyone looks at every birth, those too soft to hear among them.
+    #[inline(always)]
+    fn watches_births(&self) -> bool {
+        true
+    }
     /// A bubble is born.
     #[inline(always)]
     fn birth(&mut self, _birth: &Birth) {}
@@ -61,9 +66,18 @@ pub trait Observer {
     fn crowd(&mut self, _crowd: &Crowd) {}
 }
 
-impl Observer for () {}
+impl Observer for () {
+    #[inline(always)]
+    fn watches_births(&self) -> bool {
+        false
+    }
+}
 
 impl<O: Observer + ?Sized> Observer for &mut O {
+    #[inline(always)]
+    fn watches_births(&self) -> bool {
+        (**self).watches_births()
+    }
     #[inline(always)]
     fn birth(&mut self, birth: &Birth) {
         (**self).birth(birth);

@@ -8,16 +8,18 @@ mod settings;
 mod tuner;
 
 pub use settings::{Drive, Settings};
-pub use tuner::{Impulse, Place, Radii, SLICE, Slice, Tuner};
+pub use tuner::{Place, Radii, SLICE, Slice, Tuner, UnitImpulse};
 
-use settings::{Ears, Law};
+use settings::Ears;
 
-use crate::fixed::{PAN, PASCAL, exp2_neg, neg_log2, sine_cosine, to_fixed};
-use crate::frame::{BLOCK, Block, Frame};
+use crate::fixed::{PASCAL, exp2_neg, high, to_fixed};
+use crate::frame::{BLOCK, Block};
+use crate::kernel::{Drawn, Hits, Outcome, Source, Stroke, play, ring};
 use crate::observer::{Birth, Crowd as CrowdSeen, Observer, Path};
 use crate::random::{Random, Stream};
 use crate::resonator::{
-    Form, STRIKES_MAX, SWING_MAX, State, StrikeWords, Strikes, Tuning, run_struck, run_two_struck,
+    Form, Impulse, STRIKES_MAX, SWING_MAX, State, StrikeWords, Strikes, Tuning, run_struck,
+    run_two_struck,
 };
 use crate::stats::Stats;
 use crate::voices::{Pitch, Start, Voice, Voices};
@@ -29,25 +31,25 @@ pub const CLASSES: usize = 64;
 pub const CROWD: f32 = 1.0;
 /// No bubble of a class is louder than this, Pa: twice full scale.
 pub const CLASS_MAX_PA: f32 = 2.0;
-/// From this many births a block (over ln 2, Q32.32) they are gathered before the resonator runs.
-const CROSSOVER: u64 = 16 << 32;
+/// From 2^this births a block (over ln 2) on they are gathered before the resonator runs: worth it on a desktop, where
+/// two resonators in step are faster than one. A Cortex-M gathers only crowds.
+const CROSSOVER: Option<u8> = if cfg!(dsp) { None } else { Some(3) };
+/// Nothing rises: above every random number but one, which marks the end of a list.
+const ALL_STILL: u32 = u32::MAX - 1;
 /// A retired bank rings out at least this fast, 1/s.
 const RETIRED_DECAY: f64 = 60.0;
 
 /// How a class is struck.
 #[derive(Clone, Copy, Debug)]
 struct Flow {
-    /// Births in a block that the clock draws one by one, over ln 2, Q32.32.
-    per_block: u64,
-    /// 2^63 − 1 over the upper 32 bits of `per_block << shift`.
-    inverse: u32,
-    /// Pressure of a bubble of depth factor 1, one sample before it is due, Q27 of a pascal.
-    pressure: u32,
-    /// `-log2 D` (Q20) above which less than half a unit of that is left.
+    /// What the clock draws births one by one by.
+    stroke: Stroke,
+    /// `-log2 D` (Q20) above which less than half a unit is left of a bubble one sample before it is due.
     inaudible: u32,
-    /// The same at its birth, Q28, for voices.
+    /// The pressure at its birth, Q28, for voices.
     voice_pressure: u32,
-    shift: u8,
+    /// The clock counts births over ln 2 in units of 2^-`scale`.
+    scale: u8,
     /// Which of the crowds draws the others, or [`Self::ALONE`].
     crowd: u8,
 }
@@ -73,25 +75,16 @@ impl Flow {
 
     /// No births.
     const NONE: Self = Self {
-        per_block: 0,
-        inverse: 0,
-        pressure: 0,
+        stroke: Stroke::NONE,
         inaudible: 0,
         voice_pressure: 0,
-        shift: 0,
+        scale: 57,
         crowd: Self::ALONE,
     };
 
     #[inline(always)]
     fn is_crowd(&self) -> bool {
         self.crowd != Self::ALONE
-    }
-
-    /// Where in the block the clock stands: the sample's index in the upper 5 bits, then the fraction, Q27.
-    #[inline(always)]
-    fn position(&self, clock: u64) -> u32 {
-        let top = (clock << self.shift >> 32) as u32;
-        ((u64::from(top) * u64::from(self.inverse)) >> 31) as u32
     }
 }
 
@@ -140,23 +133,14 @@ impl Crowd {
     }
 }
 
-/// Gains of both ears, Q30, from 8 random bits and the width (256: full).
+/// Takes pressure from what there is room for. False where that is not enough.
 #[inline(always)]
-fn pan(draw: u32, width: i32) -> [i32; 2] {
-    let at = (128 + ((((draw & 0xff) as i32 - 128) * width) >> 8)) as usize & 0xff;
-    [PAN[256 - at], PAN[at]]
-}
-
-impl Turn<'_> {
-    /// Takes pressure from what the block still has room for. False where there is not enough.
-    #[inline(always)]
-    fn has_room(&mut self, pressure: u32) -> bool {
-        let fits = pressure <= self.room;
-        if fits {
-            self.room -= pressure;
-        }
-        fits
+fn take(room: &mut u32, pressure: u32) -> bool {
+    let fits = pressure <= *room;
+    if fits {
+        *room -= pressure;
     }
+    fits
 }
 
 /// What a bank is tuned to.
@@ -178,33 +162,41 @@ impl Table {
 #[derive(Clone, Debug)]
 struct Bank {
     state: [State; CLASSES],
-    /// Which of them ring, a bit each.
-    ringing: u64,
+    /// Which of them ring, and how many.
+    ringing: [bool; CLASSES],
+    count: usize,
 }
 
 impl Bank {
     fn new() -> Self {
         Self {
             state: [State::SILENT; CLASSES],
-            ringing: 0,
+            ringing: [false; CLASSES],
+            count: 0,
         }
     }
 
-    /// Ends the block: how far all classes may swing from here, bus units.
+    /// Ends class `k`'s block, whose words are so far out: how far it may swing from here, bus units.
     #[inline(always)]
-    fn settle(&mut self, table: &Table) -> u64 {
-        let mut swing = 0;
-        let mut left = self.ringing;
-        while left != 0 {
-            let k = left.trailing_zeros() as usize;
-            left &= left - 1;
-            let class = self.state[k].settle(&table.tuning[k]);
-            swing += class;
-            if class == 0 {
-                self.ringing &= !(1 << k);
-            }
+    fn settle(&mut self, k: usize, tuning: &Tuning, extent: u32) -> u64 {
+        let rings = !tuning.is_inaudible(extent);
+        let rang = core::mem::replace(&mut self.ringing[k], rings);
+        if rings != rang {
+            self.count = self.count + usize::from(rings) - usize::from(rang);
         }
-        swing
+        if rings {
+            tuning.swing(extent)
+        } else {
+            self.state[k] = State::SILENT;
+            0
+        }
+    }
+
+    /// How far all classes may swing from here at most, bus units.
+    fn swing(&self, table: &Table) -> u64 {
+        (self.state.iter().zip(&table.tuning))
+            .map(|(state, tuning)| tuning.swing(state.loudest() + 7))
+            .sum()
     }
 
     /// Everything half as loud.
@@ -213,61 +205,93 @@ impl Bank {
         self.state.iter_mut().for_each(State::halve);
     }
 
-    /// Rings on with no births, and decays faster by `hurry`, see [`Tuning::hurried`].
-    fn ring_out(&mut self, table: &Table, hurry: i32, out: &mut Block) {
-        let mut left = self.ringing;
-        while left != 0 {
-            let k = left.trailing_zeros() as usize;
-            left &= left - 1;
-            self.state[k].run(&table.tuning[k].hurried(hurry), out);
+    /// Rings on with no births, and decays faster by `hurry`, see [`Tuning::hurried`]. Returns how far it may swing from
+    /// here, bus units.
+    fn ring_out(&mut self, table: &Table, hurry: i32, hits: &mut Hits, out: &mut Block) -> u64 {
+        let mut swing = 0;
+        if self.count > 0 {
+            for (k, tuning) in table.tuning.iter().enumerate() {
+                if self.ringing[k] {
+                    swing += self.ring_on(k, &tuning.hurried(hurry), hits, out);
+                }
+            }
         }
+        swing
     }
 
     /// No class rings.
     fn silence(&mut self) {
-        let mut left = self.ringing;
-        while left != 0 {
-            self.state[left.trailing_zeros() as usize] = State::SILENT;
-            left &= left - 1;
-        }
-        self.ringing = 0;
+        *self = Self::new();
     }
 
-    /// Few births: the resonator runs from one to the next.
-    #[cfg_attr(target_arch = "arm", inline(never))]
-    #[cfg_attr(not(target_arch = "arm"), inline(always))]
-    fn ring_with<S, O>(&mut self, k: usize, births: &mut Births<'_, S, O>, out: &mut Block)
+    /// Class `k` for a block without births.
+    #[inline(always)]
+    fn ring_on(&mut self, k: usize, tuning: &Tuning, hits: &mut Hits, out: &mut Block) -> u64 {
+        if !self.ringing[k] {
+            return 0;
+        }
+        hits.begin(tuning.form);
+        self.ring(k, tuning, hits, out)
+    }
+
+    /// Rings for a block, struck by `hits`.
+    #[inline(always)]
+    fn ring(&mut self, k: usize, tuning: &Tuning, hits: &mut Hits, out: &mut Block) -> u64 {
+        let extent = ring(tuning, &mut self.state[k], hits, true, out);
+        self.settle(k, tuning, extent)
+    }
+
+    /// Class `k` for a block with few births: the resonator runs from one to the next.
+    #[inline(never)]
+    fn ring_with<S, O>(
+        &mut self,
+        k: usize,
+        births: &mut Births<'_, S, O>,
+        hits: &mut Hits,
+        out: &mut Block,
+    ) -> u64
     where
         S: AsRef<[Voice]> + AsMut<[Voice]>,
         O: Observer,
     {
-        let mut done = 0;
-        let (settings, table) = (births.settings, births.table);
-        let mut turn = births.begin(k, &settings.flow[k], &table.tuning[k]);
-        while let Some((position, bits)) = births.next(&mut turn) {
-            if let Some((sample, strike)) = births.birth(&mut turn, position, bits) {
-                self.ring(k, table, &mut out[done..=sample]);
-                done = sample + 1;
-                self.state[k].strike(strike);
-                self.ringing |= 1 << k;
+        let (tuning, state) = (&births.table.tuning[k], &mut self.state[k]);
+        let mut drawn = match births.play(k, tuning, state, out) {
+            Outcome::Rung(extent) => return self.settle(k, tuning, extent),
+            Outcome::Drawn(drawn) => drawn,
+        };
+        let mut struck = self.ringing[k];
+        let mut room = births.source.room.min(STRIKES_MAX);
+        hits.begin(tuning.form);
+        loop {
+            births.strike(k, drawn.count, &mut room, |sample, impulse| {
+                hits.push(sample, impulse);
+            });
+            struck |= !hits.is_empty();
+            if !births.goes_on(k, drawn) {
+                break;
             }
+            ring(tuning, state, hits, false, out);
+            drawn = births.draw(k);
         }
-        births.end(turn);
-        self.ring(k, table, &mut out[done..]);
-    }
-
-    #[inline(always)]
-    fn ring(&mut self, k: usize, table: &Table, out: &mut [Frame]) {
-        if self.ringing & (1 << k) != 0 {
-            self.state[k].run(&table.tuning[k], out);
+        births.source.room -= births.source.room.min(STRIKES_MAX) - room;
+        if struck {
+            self.ring(k, tuning, hits, out)
+        } else {
+            0
         }
     }
 
     /// Many births, gathered before.
     #[inline(always)]
-    fn ring_struck(&mut self, k: usize, table: &Table, strikes: &Strikes, out: &mut Block) {
-        self.ringing |= 1 << k;
-        run_struck(&table.tuning[k], &mut self.state[k], strikes, out);
+    fn ring_struck(
+        &mut self,
+        k: usize,
+        tuning: &Tuning,
+        strikes: &Strikes,
+        out: &mut Block,
+    ) -> u64 {
+        run_struck(tuning, &mut self.state[k], strikes, out);
+        self.settle(k, tuning, self.state[k].extent())
     }
 
     /// The same for class `k` and the next one, of the same form.
@@ -278,20 +302,23 @@ impl Bank {
         table: &Table,
         strikes: &[Strikes; 2],
         out: &mut Block,
-    ) {
-        self.ringing |= 3 << k;
+    ) -> u64 {
         let (one, two) = self.state.split_at_mut(k + 1);
         let tuning = [&table.tuning[k], &table.tuning[k + 1]];
         run_two_struck(tuning, [&mut one[k], &mut two[0]], strikes, out);
+        self.settle(k, tuning[0], self.state[k].extent())
+            + self.settle(k + 1, tuning[1], self.state[k + 1].extent())
     }
 }
 
 /// The population's state.
 #[derive(Clone, Debug)]
 pub struct Population {
-    /// Births expected until the next one of a class, over ln 2, Q32.32.
+    /// Births expected until the next one of a class, over ln 2, in its flow's units.
     clock: [u64; CLASSES],
-    random: Random,
+    /// Those units, see [`Flow`].
+    scale: [u8; CLASSES],
+    source: Source,
     /// Births go to `banks[live]`; the other holds what rings on from before the last retuning.
     banks: [Bank; 2],
     tables: [Table; 2],
@@ -302,6 +329,9 @@ pub struct Population {
     hurry: i32,
     /// How far all classes may swing from here, bus units.
     swing: u32,
+    /// Whether there are births at all.
+    flows: bool,
+    hits: Hits,
 }
 
 impl Population {
@@ -309,14 +339,29 @@ impl Population {
     pub fn new(seed: u64, births_per_block: u32, sample_rate: f64) -> Self {
         let mut random = Random::new(seed, Stream::Population);
         Self {
-            clock: [(); CLASSES].map(|()| gap(random.bits())),
-            random,
+            clock: [(); CLASSES].map(|()| Flow::NONE.stroke.gap(random.bits())),
+            scale: [Flow::NONE.scale; CLASSES],
+            source: Source::new(random),
             banks: [Bank::new(), Bank::new()],
             tables: [Table::SILENT; 2],
             live: 0,
             births_per_block,
             hurry: to_fixed(2.0 * RETIRED_DECAY / sample_rate, 32),
             swing: 0,
+            flows: false,
+            hits: Hits::new(),
+        }
+    }
+
+    /// Counts on by new settings, which are then rendered with.
+    pub fn apply(&mut self, settings: &Settings) {
+        self.flows = false;
+        let clocks = self.clock.iter_mut().zip(&mut self.scale);
+        for ((clock, old), flow) in clocks.zip(&settings.flow) {
+            let new = flow.scale;
+            *clock = *clock << new.saturating_sub(*old) >> old.saturating_sub(new);
+            *old = new;
+            self.flows |= flow.stroke.per_block > 0 || flow.is_crowd();
         }
     }
 
@@ -342,7 +387,7 @@ impl Population {
 
     /// Whether nothing rings.
     pub fn is_silent(&self) -> bool {
-        self.banks.iter().all(|bank| bank.ringing == 0)
+        self.banks.iter().all(|bank| bank.count == 0)
     }
 
     /// Renders one block that begins at `frame` into a silent `out`; rising bubbles go to `voices`.
@@ -359,52 +404,69 @@ impl Population {
         S: AsRef<[Voice]> + AsMut<[Voice]>,
         O: Observer,
     {
+        self.source.room = self.room();
+        self.source.left = self.births_per_block;
+        let hits = &mut self.hits;
         let old = self.live ^ 1;
-        self.banks[old].ring_out(&self.tables[old], self.hurry, out);
-        let room = self.room();
+        let mut swing = self.banks[old].ring_out(&self.tables[old], self.hurry, hits, out);
         let bank = &mut self.banks[self.live];
         let table = &self.tables[self.live];
-        let mut births = Births {
-            frame,
-            settings,
-            table,
-            random: &mut self.random,
-            clock: &mut self.clock,
-            left: self.births_per_block,
-            room,
-            voices,
-            stats,
-            observer,
-        };
-        let mut k = 0;
-        while k < settings.classes {
-            let pair = k + 1 < settings.classes
-                && settings.is_dense(k)
-                && settings.is_dense(k + 1)
-                && table.tuning[k].form == table.tuning[k + 1].form;
-            if pair {
-                bank.ring_struck_pair(k, table, &[births.gather(k), births.gather(k + 1)], out);
-                k += 2;
-            } else if settings.is_dense(k) {
-                bank.ring_struck(k, table, &births.gather(k), out);
-                k += 1;
-            } else if births.waits(k) {
-                bank.ring(k, table, out);
-                k += 1;
-            } else {
-                bank.ring_with(k, &mut births, out);
-                k += 1;
+        if self.flows {
+            let mut births = Births {
+                frame,
+                settings,
+                table,
+                source: &mut self.source,
+                clock: &mut self.clock,
+                voices,
+                stats,
+                observer,
+            };
+            let mut k = 0;
+            while k < settings.classes {
+                let tuning = &table.tuning[k];
+                let pair = k + 1 < settings.classes
+                    && settings.is_dense(k)
+                    && settings.is_dense(k + 1)
+                    && tuning.form == table.tuning[k + 1].form;
+                if pair {
+                    let strikes = [births.gather(k), births.gather(k + 1)];
+                    swing += bank.ring_struck_pair(k, table, &strikes, out);
+                    k += 2;
+                } else if settings.is_dense(k) {
+                    swing += bank.ring_struck(k, tuning, &births.gather(k), out);
+                    k += 1;
+                } else if births.waits(k) {
+                    swing += bank.ring_on(k, tuning, hits, out);
+                    k += 1;
+                } else {
+                    swing += bank.ring_with(k, &mut births, hits, out);
+                    k += 1;
+                }
             }
+            let births = u64::from(self.births_per_block - self.source.left);
+            stats.births = stats.births.wrapping_add(births);
+        } else {
+            swing += bank.ring_out(table, 0, hits, out);
         }
-        let banks = self.banks.iter_mut().zip(&self.tables);
-        let mut swing: u64 = banks.map(|(bank, table)| bank.settle(table)).sum();
+        if swing > SWING_MAX / 2 {
+            swing = self.hold(stats);
+        }
+        self.swing = swing as u32;
+    }
+
+    /// Keeps the swing of all classes inside its limit.
+    #[inline(never)]
+    fn hold(&mut self, stats: &mut Stats) -> u64 {
+        let banks = self.banks.iter().zip(&self.tables);
+        let mut swing: u64 = banks.map(|(bank, table)| bank.swing(table)).sum();
         while swing > SWING_MAX {
             // Far beyond full scale: everything gives way at once, rather than wrap.
             self.banks.iter_mut().for_each(Bank::halve);
             swing /= 2;
             stats.overloads = stats.overloads.wrapping_add(1);
         }
-        self.swing = swing as u32;
+        swing
     }
 
     /// Pressure that this block's births may come to, Q27 of a pascal: what with pan (√2) and growth before the birth
@@ -416,39 +478,16 @@ impl Population {
     }
 }
 
-/// Births expected until the next one, over ln 2, from 32 random bits: −log2(rnd), Q32.32.
-#[inline(always)]
-fn gap(bits: u32) -> u64 {
-    u64::from(neg_log2(bits)) << 6
-}
-
 /// Where the bubbles of one block come from and go to.
 struct Births<'a, S, O> {
     frame: u64,
     settings: &'a Settings,
     table: &'a Table,
-    random: &'a mut Random,
+    source: &'a mut Source,
     clock: &'a mut [u64; CLASSES],
-    /// Births that this block still takes.
-    left: u32,
-    /// Pressure that the population still takes in this block, Q27 of a pascal.
-    room: u32,
     voices: &'a mut Voices<S>,
     stats: &'a mut Stats,
     observer: &'a mut O,
-}
-
-/// A class's turn in a block: what it is drawn by, and what it draws from, in registers.
-struct Turn<'a> {
-    k: usize,
-    law: Law,
-    flow: &'a Flow,
-    tuning: &'a Tuning,
-    clock: u64,
-    random: Random,
-    /// Births and pressure that the block still takes of this class.
-    left: u32,
-    room: u32,
 }
 
 impl<'a, S, O> Births<'a, S, O>
@@ -456,130 +495,116 @@ where
     S: AsRef<[Voice]> + AsMut<[Voice]>,
     O: Observer,
 {
-    /// Whether class `k` has no birth in this block; its clock is then a block on.
-    #[inline(always)]
-    fn waits(&mut self, k: usize) -> bool {
-        let left = self.clock[k].checked_sub(self.settings.flow[k].per_block);
-        if let Some(left) = left {
-            self.clock[k] = left;
-        }
-        left.is_some()
-    }
-
     /// All births of class `k` in this block.
-    #[cfg_attr(target_arch = "arm", inline(never))]
-    #[cfg_attr(not(target_arch = "arm"), inline(always))]
+    #[inline(always)]
     fn gather(&mut self, k: usize) -> Strikes {
         let mut strikes: Strikes = [StrikeWords::default(); BLOCK];
-        // Copies: nothing else can change them, so that they stay in registers.
-        let (flow, tuning) = (self.settings.flow[k], self.table.tuning[k]);
-        let mut turn = self.begin(k, &flow, &tuning);
-        if let Some(crowd) = self.settings.crowd(k) {
-            self.crowd(&mut turn, crowd, &mut strikes);
+        let settings = self.settings;
+        let form = self.table.tuning[k].form;
+        let mut room = self.source.room.min(STRIKES_MAX);
+        if let Some(crowd) = settings.crowd(k) {
+            self.crowd(k, crowd, &mut room, &mut strikes);
         }
-        while let Some((position, bits)) = self.next(&mut turn) {
-            if let Some((sample, strike)) = self.birth(&mut turn, position, bits) {
-                strikes[sample].add(strike);
+        loop {
+            let drawn = self.draw(k);
+            self.strike(k, drawn.count, &mut room, |sample, impulse| {
+                strikes[sample].add(form.strike(impulse));
+            });
+            if !self.goes_on(k, drawn) {
+                break;
             }
         }
-        self.end(turn);
+        self.source.room -= self.source.room.min(STRIKES_MAX) - room;
         strikes
     }
 
+    /// Whether class `k` has no birth in this block; then its clock is set for the next one.
     #[inline(always)]
-    fn begin<'b>(&self, k: usize, flow: &'b Flow, tuning: &'b Tuning) -> Turn<'b> {
-        Turn {
-            k,
-            law: self.settings.law,
-            flow,
-            tuning,
-            clock: self.clock[k],
-            random: self.random.clone(),
-            left: self.left,
-            room: self.room.min(STRIKES_MAX),
+    fn waits(&mut self, k: usize) -> bool {
+        let clock = &mut self.clock[k];
+        let per_block = u64::from(self.settings.flow[k].stroke.per_block);
+        let waits = *clock >= per_block;
+        if waits {
+            *clock -= per_block;
         }
+        waits
     }
 
+    /// Draws class `k`'s births in this block; where they are nothing out of the ordinary, the class rings with them too.
     #[inline(always)]
-    fn end(&mut self, turn: Turn<'_>) {
-        self.clock[turn.k] = turn.clock;
-        *self.random = turn.random;
-        let births = u64::from(self.left - turn.left);
-        self.stats.births = self.stats.births.wrapping_add(births);
-        self.left = turn.left;
-        self.room -= self.room.min(STRIKES_MAX) - turn.room;
+    fn play(&mut self, k: usize, tuning: &Tuning, state: &mut State, out: &mut Block) -> Outcome {
+        if self.observer.watches_births() {
+            return Outcome::Drawn(self.draw(k));
+        }
+        let stroke = &self.settings.flow[k].stroke;
+        play(tuning, state, stroke, &mut self.clock[k], self.source, out)
     }
 
-    /// Where in this block the class's next birth falls, with 32 random bits; its clock is then set for the one after
-    /// it.
+    /// Draws births of class `k` in this block.
     #[inline(always)]
-    fn next(&mut self, turn: &mut Turn<'_>) -> Option<(u32, u32)> {
-        let now = turn.clock;
-        if now >= turn.flow.per_block {
-            turn.clock = now - turn.flow.per_block;
-            return None;
-        }
-        if turn.left == 0 {
-            // The block is full: the next one begins with a birth.
+    fn draw(&mut self, k: usize) -> Drawn {
+        let stroke = &self.settings.flow[k].stroke;
+        let watched = self.observer.watches_births();
+        let silent_below = if watched { 0 } else { stroke.silent_below };
+        self.source.draw(stroke, &mut self.clock[k], silent_below)
+    }
+
+    /// Whether there may be more births of class `k` in this block than those drawn. Where the block is full, the next
+    /// one begins with a birth.
+    #[inline(always)]
+    fn goes_on(&mut self, k: usize, drawn: Drawn) -> bool {
+        let full = drawn.more && self.source.left == 0;
+        if full {
             self.stats.late = self.stats.late.wrapping_add(1);
-            turn.clock = 0;
-            return None;
+            self.clock[k] = 0;
         }
-        turn.left -= 1;
-        turn.clock = now + gap(turn.random.bits());
-        Some((turn.flow.position(now), turn.random.bits()))
+        drawn.more && !full
     }
 
-    /// One bubble: a voice if it rises and finds one; else what its class is struck with, and after which sample.
+    /// What becomes of the bubbles drawn last: each a voice if it rises and finds one; else `hit` is told what the class
+    /// is struck with, and after which sample.
     #[inline(always)]
-    fn birth(
+    fn strike(
         &mut self,
-        turn: &mut Turn<'_>,
-        position: u32,
-        bits: u32,
-    ) -> Option<(usize, StrikeWords)> {
-        let Turn {
-            k,
-            law,
-            flow,
-            tuning,
-            ..
-        } = *turn;
-        let fraction = position & 0x07ff_ffff;
-        let mut draw = bits;
-        if flow.is_crowd() {
-            // The crowd has the softer ones.
-            let span = u64::from(u32::MAX - law.crowd_below);
-            draw = law.crowd_below + ((u64::from(bits) * span) >> 32) as u32;
+        k: usize,
+        count: usize,
+        room: &mut u32,
+        mut hit: impl FnMut(usize, Impulse),
+    ) {
+        let (flow, tuning) = (&self.settings.flow[k], &self.table.tuning[k]);
+        let stroke = &flow.stroke;
+        for i in 0..count {
+            let [position, bits] = self.source.drawn[i];
+            let mut draw = bits;
+            if flow.is_crowd() {
+                // The crowd has the softer ones.
+                draw = stroke.still + high(bits, u32::MAX - stroke.still);
+            }
+            if tuning.form == Form::Silent {
+                self.stats.too_high = self.stats.too_high.wrapping_add(1);
+                self.report(k, position, [0; 2], Path::TooHigh);
+                continue;
+            }
+            let soft = stroke.softness(draw);
+            let pan = stroke.pan(bits);
+            let rises = stroke.still < ALL_STILL && draw > stroke.still;
+            if rises && self.voice(k, position, soft, pan) {
+                continue;
+            }
+            if draw < stroke.silent_below || (rises && soft > flow.inaudible) {
+                self.report(k, position, [0; 2], Path::Class);
+                continue;
+            }
+            let (impulse, pressure) = stroke.impulse(tuning, position, soft, pan);
+            if !take(room, pressure >> 2) {
+                self.stats.overloads = self.stats.overloads.wrapping_add(1);
+                self.report(k, position, [0; 2], Path::Dropped);
+                continue;
+            }
+            let gain = [impulse.left, impulse.right].map(|gain| gain >> 1);
+            self.report(k, position, gain, Path::Class);
+            hit((position >> 27) as usize, impulse);
         }
-        // -log2 D, Q20.
-        let soft = ((u64::from(neg_log2(draw)) * u64::from(law.exponent)) >> 32) as u32;
-        // The lowest bits are the generator's weakest: pan takes eight above them.
-        let pan = pan(bits >> 4, law.width);
-        if tuning.form == Form::Silent {
-            self.stats.too_high = self.stats.too_high.wrapping_add(1);
-            self.report(k, position, [0; 2], Path::TooHigh);
-            return None;
-        }
-        if soft < law.rise_below && self.voice(k, position, soft, pan) {
-            return None;
-        }
-        let decayed = soft + tuning.decay_over((1 << 27) - fraction);
-        if decayed > flow.inaudible {
-            self.report(k, position, [0; 2], Path::Class);
-            return None;
-        }
-        let pressure = ((u64::from(flow.pressure) * u64::from(exp2_neg(decayed))) >> 31) as u32;
-        let [left, right] = pan.map(|gain| ((i64::from(pressure) * i64::from(gain)) >> 30) as i32);
-        if !turn.has_room(pressure) {
-            self.stats.overloads = self.stats.overloads.wrapping_add(1);
-            self.report(k, position, [0; 2], Path::Dropped);
-            return None;
-        }
-        self.report(k, position, [left, right], Path::Class);
-        let words = tuning.words(sine_cosine(tuning.phase_over(fraction).wrapping_neg()));
-        let strike = StrikeWords::of_bubble(left, right, words);
-        Some(((position >> 27) as usize, strike))
     }
 
     /// Tells the observer of a birth.
@@ -603,10 +628,11 @@ where
 
     /// Gives a rising bubble a voice. False where none was to be had.
     #[inline(never)]
-    fn voice(&mut self, k: usize, position: u32, soft: u32, pan: [i32; 2]) -> bool {
+    fn voice(&mut self, k: usize, position: u32, soft: u32, pan: [u32; 2]) -> bool {
         let flow = &self.settings.flow[k];
         let pressure = (u64::from(flow.voice_pressure) * u64::from(exp2_neg(soft))) >> 31;
-        let gain = pan.map(|gain| ((pressure * gain as u64) >> 30).min(i32::MAX as u64) as i32);
+        let gain = pan.map(|gain| (pressure * u64::from(gain)) >> 31);
+        let gain = gain.map(|gain| gain.min(i32::MAX as u64) as i32);
         let age = (1 << 27) - (position & 0x07ff_ffff);
         let delay = (position >> 27) + 1;
         let voice = self.table.pitch[k].start(age, delay, gain);
@@ -626,21 +652,22 @@ where
 
     /// A block of a class with more than one birth a sample.
     #[inline(never)]
-    fn crowd(&mut self, turn: &mut Turn<'_>, crowd: &Crowd, strikes: &mut Strikes) {
-        let births = crowd.count(&mut turn.random);
+    fn crowd(&mut self, k: usize, crowd: &Crowd, room: &mut u32, strikes: &mut Strikes) {
+        let tuning = &self.table.tuning[k];
+        let births = crowd.count(&mut self.source.random);
         self.stats.births = self.stats.births.wrapping_add(births);
         let mut seen = CrowdSeen {
             frame: self.frame,
-            radius: turn.tuning.radius,
-            class: turn.k as u8,
+            radius: tuning.radius,
+            class: k as u8,
             words: StrikeWords::default(),
             births,
             path: Path::Class,
         };
-        if turn.tuning.form == Form::Silent {
+        if tuning.form == Form::Silent {
             self.stats.too_high = self.stats.too_high.wrapping_add(births);
             seen.path = Path::TooHigh;
-        } else if !turn.has_room(crowd.most) {
+        } else if !take(room, crowd.most) {
             self.stats.overloads = self.stats.overloads.wrapping_add(births);
             seen.path = Path::Dropped;
         }
@@ -649,7 +676,7 @@ where
             return;
         }
         for (i, strike) in strikes.iter_mut().enumerate() {
-            *strike = crowd.draw(&self.settings.ears, &mut turn.random);
+            *strike = crowd.draw(&self.settings.ears, &mut self.source.random);
             let i = i as u64;
             self.observer.crowd(&CrowdSeen {
                 frame: self.frame.wrapping_add(i),

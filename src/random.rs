@@ -17,6 +17,7 @@ pub enum Stream {
 
 /// The generator; period 2^64 − 1.
 #[derive(Clone, Debug)]
+#[repr(C)]
 pub struct Random {
     s0: u32,
     s1: u32,
@@ -51,6 +52,13 @@ impl Random {
         self.s0 = s0.rotate_left(26) ^ s1 ^ (s1 << 9);
         self.s1 = s1.rotate_left(13);
         result
+    }
+
+    /// Twice 32 random bits in one step: the state is evenly spread over all its values, so the pair is too.
+    #[inline(always)]
+    pub fn pair(&mut self) -> [u32; 2] {
+        let other = self.s1.wrapping_mul(0x9e37_79bb);
+        [self.bits(), other]
     }
 
     /// A uniform number in (0, 1). Control path only.

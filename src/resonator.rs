@@ -5,7 +5,7 @@
 //! bus units, so that a long tail loses nothing to rounding.
 
 use crate::bubble::Ringing;
-use crate::fixed::to_fixed;
+use crate::fixed::{high, to_fixed};
 use crate::frame::{BLOCK, Block, Frame};
 
 /// Above this part of the sample rate a bubble is not sounded.
@@ -28,6 +28,23 @@ pub enum Form {
     Direct,
 }
 
+impl Form {
+    /// What one bubble adds to the words: sums of it are what one strike after the other comes to.
+    #[inline(always)]
+    pub fn strike(self, impulse: Impulse) -> StrikeWords {
+        let words = StrikeWords::from(impulse);
+        if self != Self::Direct {
+            return words;
+        }
+        // The direct form's words are whole.
+        let whole = |words: [i64; 2]| words.map(|word| word >> 32 << 32);
+        StrikeWords {
+            left: whole(words.left),
+            right: whole(words.right),
+        }
+    }
+}
+
 /// What a resonator is tuned to. Made in f64 when a radius or the sample rate changes.
 #[derive(Clone, Copy, Debug)]
 pub struct Tuning {
@@ -35,10 +52,8 @@ pub struct Tuning {
     pub form: Form,
     /// Radius of the class, m.
     pub radius: f32,
-    /// Circle: −g, Q32. Direct: a1, Q30.
-    c0: i32,
-    /// Circle: −b, Q32. Direct: a2, Q30.
-    c1: i32,
+    /// Circle: −g and −b, Q32. Direct: a1 and a2, Q30.
+    coefficients: [i32; 2],
     /// The second state word of a bubble of phase φ is `second[0]·sin φ + second[1]·cos φ`, Q30.
     second: [i32; 2],
     /// Turns a sample, Q32.
@@ -73,8 +88,7 @@ impl Tuning {
     pub const SILENT: Self = Self {
         form: Form::Silent,
         radius: 0.0,
-        c0: 0,
-        c1: 0,
+        coefficients: [0; 2],
         second: [0; 2],
         step: 0,
         decay: 0,
@@ -105,27 +119,26 @@ impl Tuning {
         let det = rho * rho;
         // |1 − z|, the circle's coupling.
         let g = libm::sqrt(1.0 + det - 2.0 * z.re);
-        let (form, c0, c1, second, floor, swing) = if g < 0.49 {
+        let (form, coefficients, second, floor, swing) = if g < 0.49 {
             let second = Complex {
                 re: (z.re - 1.0 + g * g) / (g * det),
                 im: z.im / (g * det),
             };
-            let c0 = to_fixed(-g, 32);
-            (Form::Circle, c0, to_fixed(det - 1.0, 32), second, 16, 2.0)
+            let coefficients = [-g, det - 1.0].map(|c| to_fixed(c, 32));
+            (Form::Circle, coefficients, second, 16, 2.0)
         } else {
             let second = Complex { re: 1.0, im: 0.0 }.div(z);
             // Truncation sustains a cycle of at most 1/(1 − ρ²) units.
             let floor = 4 + (1.0 / (1.0 - det)) as i32;
-            let c0 = to_fixed(2.0 * z.re, 30);
+            let coefficients = [2.0 * z.re, -det].map(|c| to_fixed(c, 30));
             // Sine and cosine of half the angle.
             let swing = 1.0 / libm::sqrt((1.0 - cosine.abs()) / 2.0);
-            (Form::Direct, c0, to_fixed(-det, 30), second, floor, swing)
+            (Form::Direct, coefficients, second, floor, swing)
         };
         Self {
             form,
             radius,
-            c0,
-            c1,
+            coefficients,
             second: [to_fixed(second.re, 30), to_fixed(second.im, 30)],
             step: to_fixed(ringing.turns, 32) as u32,
             decay: to_fixed(ringing.decay * core::f64::consts::LOG2_E, 31) as u32,
@@ -134,31 +147,40 @@ impl Tuning {
         }
     }
 
-    /// The decay over a fraction of a sample (Q27) in powers of two, Q20.
-    #[inline(always)]
-    pub fn decay_over(&self, fraction: u32) -> u32 {
-        ((u64::from(self.decay) * u64::from(fraction)) >> 38) as u32
+    /// The recurrence's two coefficients; their meaning is the form's.
+    pub fn coefficients(&self) -> &[i32; 2] {
+        &self.coefficients
     }
 
-    /// The phase passed in a fraction of a sample (Q27), 2^32 to the turn.
+    /// The decay over a part of a sample (Q32) in powers of two, Q20.
     #[inline(always)]
-    pub fn phase_over(&self, fraction: u32) -> u32 {
-        ((u64::from(self.step) * u64::from(fraction)) >> 27) as u32
+    pub fn decay_over(&self, part: u32) -> u32 {
+        high(self.decay, part) >> 11
     }
 
-    /// Both state words, Q31 and Q30, of a bubble of amplitude 1 whose sine and cosine are given.
+    /// Decay in powers of two a sample, Q31, and turns a sample, Q32.
+    pub fn pace(&self) -> (u32, u32) {
+        (self.decay, self.step)
+    }
+
+    /// The factors of the second word, Q30.
+    pub fn second(&self) -> [i32; 2] {
+        self.second
+    }
+
+    /// Both state words, Q30, of a bubble of amplitude 1 whose sine and cosine (Q30) are given.
     #[inline(always)]
     pub fn words(&self, (sine, cosine): (i32, i32)) -> (i32, i32) {
         let second = i64::from(self.second[0]) * i64::from(sine)
             + i64::from(self.second[1]) * i64::from(cosine);
-        (sine, (second >> 31) as i32)
+        (sine, (second >> 30) as i32)
     }
 
     /// The same class, decaying faster: what a retired bank does. `hurry` is twice the further decay a sample, Q32.
     #[inline(always)]
     pub fn hurried(mut self, hurry: i32) -> Self {
         if self.form == Form::Circle {
-            self.c1 -= hurry;
+            self.coefficients[1] -= hurry;
         }
         self
     }
@@ -168,12 +190,40 @@ impl Tuning {
         self.second
             .map(|factor| f64::from(factor) * libm::exp2(-30.0))
     }
+
+    /// Whether words no further out than that are too soft to hear.
+    #[inline(always)]
+    pub fn is_inaudible(&self, extent: u32) -> bool {
+        extent <= self.floor as u32
+    }
+
+    /// How far words that are so far out may swing, bus units.
+    #[inline(always)]
+    pub fn swing(&self, extent: u32) -> u64 {
+        u64::from((extent >> 3) + 1) * u64::from(self.swing)
+    }
 }
 
 /// The pair's state: two words an ear, Q32.32 of bus units.
 #[derive(Clone, Copy, Debug, Default)]
+#[repr(C)]
 pub struct State {
-    ears: [[i64; 2]; 2],
+    left: [i64; 2],
+    right: [i64; 2],
+}
+
+/// One bubble's strike.
+#[derive(Clone, Copy, Debug, Default)]
+#[repr(C)]
+pub struct Impulse {
+    /// Pressure in the right ear, Q28 of a pascal.
+    pub right: i32,
+    /// In the left one.
+    pub left: i32,
+    /// Both words of a bubble of amplitude 1, Q30.
+    pub first: i32,
+    /// The second one.
+    pub second: i32,
 }
 
 /// What is added to the four words after one sample, Q32.32 of bus units.
@@ -195,19 +245,20 @@ fn add_words(mine: &mut [i64; 2], theirs: [i64; 2]) {
     mine[1] += theirs[1];
 }
 
-impl StrikeWords {
-    /// A bubble of `left` and `right` (Q27 of a pascal) whose words of amplitude 1 are given.
+impl From<Impulse> for StrikeWords {
     #[inline(always)]
-    pub fn of_bubble(left: i32, right: i32, words: (i32, i32)) -> Self {
-        let (first, second) = (i64::from(words.0), i64::from(words.1));
-        let (l, r) = (i64::from(left), i64::from(right));
-        // Q27·Q31 is Q58, which is Q32.32 of a bus unit of 2^-26.
+    fn from(impulse: Impulse) -> Self {
+        let words = [impulse.first, impulse.second].map(i64::from);
+        // Q28·Q30 is Q58, which is Q32.32 of a bus unit of 2^-26.
+        let [left, right] = [impulse.left, impulse.right].map(i64::from);
         Self {
-            left: [l * first, (l * second) << 1],
-            right: [r * first, (r * second) << 1],
+            left: words.map(|word| left * word),
+            right: words.map(|word| right * word),
         }
     }
+}
 
+impl StrikeWords {
     /// Both together.
     #[inline(always)]
     pub fn add(&mut self, other: Self) {
@@ -218,70 +269,58 @@ impl StrikeWords {
 
 impl State {
     /// At rest.
-    pub const SILENT: Self = Self { ears: [[0; 2]; 2] };
+    pub const SILENT: Self = Self {
+        left: [0; 2],
+        right: [0; 2],
+    };
 
     /// Adds a strike.
     #[inline(always)]
     pub fn strike(&mut self, strike: StrikeWords) {
-        let [left, right] = &mut self.ears;
-        add_words(left, strike.left);
-        add_words(right, strike.right);
+        add_words(&mut self.left, strike.left);
+        add_words(&mut self.right, strike.right);
     }
 
-    /// Runs the pair over `out`, a block or less, adding.
+    /// Runs the pair over `out`, adding.
     #[inline(always)]
     pub fn run(&mut self, tuning: &Tuning, out: &mut [Frame]) {
         match tuning.form {
             Form::Silent => {}
-            Form::Circle => self.circle(tuning, out),
-            Form::Direct => self.direct(tuning, out),
+            Form::Circle => {
+                let mut run = Circle::begin(tuning, self);
+                out.iter_mut().for_each(|frame| run.step(frame));
+                *self = run.end();
+            }
+            Form::Direct => {
+                let mut run = Direct::begin(tuning, self);
+                out.iter_mut().for_each(|frame| run.step(frame));
+                *self = run.end();
+            }
         }
     }
 
-    #[cfg(target_arch = "arm")]
+    /// How far the words are out: at least the largest magnitude, and less than twice that; bus units.
     #[inline(always)]
-    fn circle(&mut self, tuning: &Tuning, out: &mut [Frame]) {
-        crate::kernel::circle(&mut self.ears, [tuning.c0, tuning.c1], out);
+    pub fn extent(&self) -> u32 {
+        let bits = |word: i64| {
+            let word = (word >> 32) as i32;
+            (word ^ (word >> 31)) as u32
+        };
+        let ear = |words: [i64; 2]| bits(words[0]) | bits(words[1]);
+        ear(self.left) | ear(self.right)
     }
 
-    #[cfg(target_arch = "arm")]
-    #[inline(always)]
-    fn direct(&mut self, tuning: &Tuning, out: &mut [Frame]) {
-        crate::kernel::direct(&mut self.ears, [tuning.c0, tuning.c1], out);
-    }
-
-    #[cfg(not(target_arch = "arm"))]
-    #[inline(always)]
-    fn circle(&mut self, tuning: &Tuning, out: &mut [Frame]) {
-        let mut run = Circle::begin(tuning, self);
-        out.iter_mut().for_each(|frame| run.step(frame));
-        *self = run.end();
-    }
-
-    #[cfg(not(target_arch = "arm"))]
-    #[inline(always)]
-    fn direct(&mut self, tuning: &Tuning, out: &mut [Frame]) {
-        let mut run = Direct::begin(tuning, self);
-        out.iter_mut().for_each(|frame| run.step(frame));
-        *self = run.end();
-    }
-
-    /// Ends a block: how far the words may swing from here, bus units. 0: too soft to hear, and now at rest for good.
-    #[inline(always)]
-    pub fn settle(&mut self, tuning: &Tuning) -> u64 {
-        let size = |word: i64| ((word >> 32) as i32).unsigned_abs();
-        let loudest = |[a, b]: [i64; 2]| size(a).max(size(b));
-        let loudest = loudest(self.ears[0]).max(loudest(self.ears[1]));
-        if loudest <= tuning.floor as u32 {
-            *self = Self::SILENT;
-            return 0;
-        }
-        (u64::from(loudest) * u64::from(tuning.swing)) >> 3
+    /// How far the largest word is out, bus units.
+    pub fn loudest(&self) -> u32 {
+        let words = self.left.iter().chain(&self.right);
+        words
+            .map(|word| ((word >> 32) as i32).unsigned_abs())
+            .fold(0, u32::max)
     }
 
     /// Half as loud.
     pub fn halve(&mut self) {
-        for word in self.ears.as_flattened_mut() {
+        for word in self.left.iter_mut().chain(self.right.iter_mut()) {
             *word >>= 1;
         }
     }
@@ -307,10 +346,10 @@ impl Recurrence for Circle {
     #[inline(always)]
     fn begin(tuning: &Tuning, state: &State) -> Self {
         Self {
-            g: i64::from(tuning.c0),
-            b: i64::from(tuning.c1),
-            left: state.ears[0],
-            right: state.ears[1],
+            g: i64::from(tuning.coefficients[0]),
+            b: i64::from(tuning.coefficients[1]),
+            left: state.left,
+            right: state.right,
         }
     }
     #[inline(always)]
@@ -332,7 +371,8 @@ impl Recurrence for Circle {
     #[inline(always)]
     fn end(self) -> State {
         State {
-            ears: [self.left, self.right],
+            left: self.left,
+            right: self.right,
         }
     }
 }
@@ -348,10 +388,10 @@ impl Recurrence for Direct {
     #[inline(always)]
     fn begin(tuning: &Tuning, state: &State) -> Self {
         Self {
-            a1: i64::from(tuning.c0),
-            a2: i64::from(tuning.c1),
-            left: state.ears[0].map(|word| word >> 32),
-            right: state.ears[1].map(|word| word >> 32),
+            a1: i64::from(tuning.coefficients[0]),
+            a2: i64::from(tuning.coefficients[1]),
+            left: state.left.map(|word| word >> 32),
+            right: state.right.map(|word| word >> 32),
         }
     }
     #[inline(always)]
@@ -373,7 +413,8 @@ impl Recurrence for Direct {
     #[inline(always)]
     fn end(self) -> State {
         State {
-            ears: [self.left, self.right].map(|ear| ear.map(|word| word << 32)),
+            left: self.left.map(|word| word << 32),
+            right: self.right.map(|word| word << 32),
         }
     }
 }

@@ -47,6 +47,7 @@ impl<P: Profile> Synth<P> {
         if let Some(slice) = &update.slice {
             self.population.tune(slice);
         }
+        self.population.apply(&update.water);
         if let Some(mix) = &update.mix {
             self.mix.apply(mix);
         }

@@ -7,7 +7,7 @@ use freshet::bubble::Bubble;
 use freshet::fixed::PASCAL;
 use freshet::mix::Output;
 use freshet::param;
-use freshet::resonator::{Form, PITCH_LIMIT, State, StrikeWords, Tuning};
+use freshet::resonator::{Form, Impulse, PITCH_LIMIT, State, Tuning};
 use freshet::scene::Scene;
 use freshet::voices::{Pitch, Strike};
 use freshet::{BLOCK, Frame};
@@ -149,8 +149,14 @@ fn a_class_has_the_pitch_and_decay_of_physics_1_at_every_rate() {
                 continue;
             }
             let mut state = State::SILENT;
-            let words = tuning.words((0, i32::MAX));
-            state.strike(StrikeWords::of_bubble(1 << 27, 1 << 26, words));
+            let (first, second) = tuning.words((0, 1 << 30));
+            let impulse = Impulse {
+                left: 1 << 28,
+                right: 1 << 27,
+                first,
+                second,
+            };
+            state.strike(tuning.form.strike(impulse));
             let length = (4.0 / bubble.beta * rate_hz) as usize / BLOCK * BLOCK + BLOCK;
             let mut frames = vec![Frame::ZERO; length];
             state.run(&tuning, &mut frames);

@@ -3,16 +3,18 @@
 
 use core::f32::consts::LOG2_E;
 
-use super::tuner::{Impulse, Radii};
-use super::{CLASS_MAX_PA, CLASSES, CROSSOVER, CROWD, Crowd, Flow, pan};
-use crate::fixed::{neg_log2, reciprocal};
+use super::tuner::{Radii, UnitImpulse};
+use super::{ALL_STILL, CLASS_MAX_PA, CLASSES, CROSSOVER, CROWD, Crowd, Flow};
+use crate::fixed::{exp2_neg, neg_log2, pan, reciprocal};
 use crate::frame::BLOCK;
+use crate::kernel::Stroke;
 use crate::random::Random;
 use crate::resonator::STRIKES_MAX;
 
 const Q26: f32 = (1u64 << 26) as f32;
 const Q27: f32 = (1u64 << 27) as f32;
 const Q28: f32 = (1u64 << 28) as f32;
+const Q30: f32 = (1u64 << 30) as f32;
 const Q32: f32 = (1u64 << 32) as f32;
 const Q42: f32 = (1u64 << 42) as f32;
 
@@ -34,10 +36,8 @@ pub struct Settings<C: ?Sized = [Crowd]> {
 pub(super) struct Law {
     /// β of `D = rnd^β`, Q26.
     pub(super) exponent: u32,
-    /// A bubble rises where `-log2 D` (Q20) is below this.
-    pub(super) rise_below: u32,
-    /// Random numbers below this are left to the crowd, Q32.
-    pub(super) crowd_below: u32,
+    /// A bubble rises where its random number is above this, Q32; the others may be left to a crowd.
+    pub(super) still: u32,
     /// Width of the stage, 256 is full.
     pub(super) width: i32,
 }
@@ -105,7 +105,7 @@ impl Settings {
     #[inline(always)]
     pub(super) fn is_dense(&self, k: usize) -> bool {
         let flow = &self.flow[k];
-        flow.is_crowd() || flow.per_block >= CROSSOVER
+        flow.is_crowd() || CROSSOVER.is_some_and(|least| flow.scale <= 31 - least)
     }
 
     /// Strikes classes of `radii`, for whose bubbles `impulses` stand, as `drive` says. `sample_rate` in Hz.
@@ -113,7 +113,7 @@ impl Settings {
         &mut self,
         drive: &Drive,
         radii: &Radii,
-        impulses: &[Impulse; CLASSES],
+        impulses: &[UnitImpulse; CLASSES],
         sample_rate: f32,
     ) {
         self.classes = radii.classes;
@@ -151,12 +151,15 @@ impl Settings {
             growing *= growth;
             let crowd = births * (1.0 - risen);
             if crowd > CROWD * BLOCK as f32 && crowds < self.crowds.len() {
-                *flow = Flow::new(births * risen, pressure, &impulses[k]);
+                *flow = Flow::new(births * risen, pressure, &impulses[k], &self.law);
                 flow.crowd = crowds as u8;
                 self.crowds[crowds] = Crowd::new(crowd, pressure, &still, &impulses[k]);
                 crowds += 1;
             } else {
-                *flow = Flow::new(births, pressure, &impulses[k]);
+                *flow = Flow::new(births, pressure, &impulses[k], &self.law);
+                if impulses[k].step != 0 {
+                    flow.stroke.silent_below = self.law.silent_below(flow.inaudible);
+                }
             }
         }
     }
@@ -202,25 +205,27 @@ impl Drive {
 impl Law {
     const NONE: Self = Self {
         exponent: 0,
-        rise_below: 0,
-        crowd_below: 0,
-        width: 0,
+        still: ALL_STILL,
+        width: 256,
     };
 
     fn new(drive: &Drive, risen: f32, width: i32) -> Self {
-        let cutoff = drive.cutoff();
         Self {
             exponent: (drive.beta * Q26) as u32,
-            rise_below: if risen <= 0.0 {
-                0
-            } else if cutoff <= 0.0 {
-                u32::MAX
-            } else {
-                // D = depth·2^-x: compare x alone. At β = 0 every x is 0.
-                (-libm::log2f(cutoff) * (1u32 << 20) as f32 + 0.5) as u32
-            },
-            crowd_below: u32::MAX - (risen * Q32) as u32,
+            // From the top, where f32 is coarse.
+            still: ALL_STILL.saturating_sub((risen * Q32) as u32),
             width,
+        }
+    }
+
+    /// Below which random numbers a bubble neither rises nor is heard, given the `-log2 D` (Q20) up to which it is.
+    fn silent_below(&self, inaudible: u32) -> u32 {
+        // Where -log2(rnd), Q20, times the exponent is more than that; and some units aside for what f32 rounds.
+        let least = (inaudible + 1) as f32 * Q26 / self.exponent as f32;
+        if least < (31 << 20) as f32 {
+            (exp2_neg(least as u32 + 16) << 1).min(self.still)
+        } else {
+            0
         }
     }
 }
@@ -237,7 +242,7 @@ impl Ears {
         const ONE: f32 = (1u64 << 30) as f32;
         let (mut mean, mut own, mut shared) = (0, 0, 0);
         for draw in 0..256 {
-            let [left, right] = pan(draw, width).map(|gain| i64::from(gain >> 4));
+            let [left, right] = pan(draw, width, edge(width)).map(|gain| i64::from(gain >> 5));
             mean += left;
             own += left * left;
             shared += left * right;
@@ -255,26 +260,47 @@ impl Ears {
     }
 }
 
+/// Where the left edge of a stage of `width` is, Q8.
+fn edge(width: i32) -> i32 {
+    (128 << 8) - (width << 7)
+}
+
 impl Flow {
     /// `births` in a block, of `pressure` Pa.
-    fn new(births: f32, pressure: f32, impulse: &Impulse) -> Self {
-        let per_block = (births * LOG2_E * Q32 + 0.5) as u64;
-        let shift = per_block.leading_zeros().min(63);
-        let top = (per_block << shift >> 32) as u32;
-        // Top is at least 2^31, or births are none.
-        let inverse = if top == 0 { 0 } else { reciprocal(top) };
-        let grown = (pressure * impulse.growth * Q27) as u32;
+    fn new(births: f32, pressure: f32, impulse: &UnitImpulse, law: &Law) -> Self {
+        let wide = (births * LOG2_E * Q32 + 0.5) as u64;
+        // So that a block is 2^31 units or more, unless years pass without a birth.
+        let scale = wide.leading_zeros().min(57);
+        let per_block = (wide << scale >> 32) as u32;
+        let grown = (pressure * impulse.growth * Q30) as u32;
         Self {
-            per_block,
-            inverse,
-            shift: shift as u8,
+            stroke: Stroke {
+                per_block,
+                gap: 1 << scale.saturating_sub(26),
+                stretch: if per_block >> 31 == 0 {
+                    u32::MAX
+                } else {
+                    // 2^32 is left out by itself.
+                    reciprocal(per_block) << 1
+                },
+                silent_below: 0,
+                still: law.still,
+                exponent: law.exponent,
+                decay: impulse.decay,
+                step: impulse.step,
+                width: law.width,
+                edge: edge(law.width),
+                pressure: grown,
+                second: impulse.second,
+                coarse: 26u32.saturating_sub(scale),
+            },
+            scale: scale as u8,
             crowd: Self::ALONE,
-            pressure: grown,
-            // Down to half a unit: one power of two further than to one unit.
+            // Down to 2^-28 Pa.
             inaudible: if grown == 0 {
                 0
             } else {
-                (33 << 20) - (neg_log2(grown) >> 6)
+                (30_u32 << 20).saturating_sub(neg_log2(grown) >> 6)
             },
             voice_pressure: (pressure * Q28) as u32,
         }
@@ -300,7 +326,7 @@ impl Still {
 
 impl Crowd {
     /// `births` in a block, of `pressure` Pa.
-    fn new(births: f32, pressure: f32, still: &Still, impulse: &Impulse) -> Self {
+    fn new(births: f32, pressure: f32, still: &Still, impulse: &UnitImpulse) -> Self {
         const ROUGH_DEVIATION: f32 = Random::ROUGH_DEVIATION as f32;
         let per_sample = births / BLOCK as f32;
         let deviation = pressure * libm::sqrtf(per_sample * still.second) / ROUGH_DEVIATION;

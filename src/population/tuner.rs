@@ -4,7 +4,7 @@ use heapless::Vec;
 
 use super::CLASSES;
 use crate::bubble::Ringing;
-use crate::fixed::{exp2_neg, sine_cosine};
+use crate::fixed::{exp2_neg, high, sine_cosine};
 use crate::frame::TICK;
 use crate::resonator::{Form, Tuning};
 use crate::voices::Pitch;
@@ -47,7 +47,13 @@ impl Radii {
 
 /// What one bubble of 1 Pa is to the resonator of its class.
 #[derive(Clone, Copy, Debug)]
-pub struct Impulse {
+pub struct UnitImpulse {
+    /// Decay in powers of two a sample, Q31.
+    pub(super) decay: u32,
+    /// Turns a sample, Q32.
+    pub(super) step: u32,
+    /// The second state word of a bubble of phase φ is `second[0]·sin φ + second[1]·cos φ`, Q30.
+    pub(super) second: [i32; 2],
     /// How much louder it would have been one sample before it is born.
     pub(super) growth: f32,
     /// Mean of both words it strikes with, over a birth at any time in the sample.
@@ -64,9 +70,12 @@ const POINTS: [[f32; 2]; 3] = [
     [0.380_690_4, 0.233_956_97],
 ];
 
-impl Impulse {
+impl UnitImpulse {
     /// No bubble.
     pub const NONE: Self = Self {
+        decay: 0,
+        step: 0,
+        second: [0; 2],
         growth: 1.0,
         mean: [0.0; 2],
         spread: [0.0; 3],
@@ -77,18 +86,17 @@ impl Impulse {
         if tuning.form == Form::Silent {
             return Self::NONE;
         }
-        const SAMPLE: u32 = 1 << 27;
-        let growth = 1.0 / (exp2_neg(tuning.decay_over(SAMPLE)) as f32 / (1u32 << 31) as f32);
+        let (decay, step) = tuning.pace();
+        let growth = Q31 / exp2_neg(tuning.decay_over(u32::MAX)) as f32;
         let (mut mean, mut square) = ([0.0; 2], [0.0; 3]);
         for [place, weight] in POINTS {
             for place in [place, 1.0 - place] {
                 // As a birth strikes: the decay from the sample before, and the phase back to it.
-                let fraction = (place * SAMPLE as f32) as u32;
-                let level = exp2_neg(tuning.decay_over(SAMPLE - fraction)) as f32 * growth;
-                let phase = tuning.phase_over(fraction).wrapping_neg();
+                let rest = ((1.0 - place) * Q32) as u32;
+                let level = exp2_neg(tuning.decay_over(rest)) as f32 / Q31 * growth;
+                let phase = high(step, rest).wrapping_sub(step);
                 let (first, second) = tuning.words(sine_cosine(phase));
-                // Level and the first word are Q31, the second is Q30.
-                let [a, b] = [first as f32, second as f32 * 2.0].map(|word| word * level / Q62);
+                let [a, b] = [first, second].map(|word| word as f32 / Q30 * level);
                 mean[0] += weight * a;
                 mean[1] += weight * b;
                 square[0] += weight * a * a;
@@ -100,6 +108,9 @@ impl Impulse {
         let a = libm::sqrtf(aa);
         let b = ab / a;
         Self {
+            decay,
+            step,
+            second: tuning.second(),
             growth,
             mean,
             spread: [a, b, libm::sqrtf((bb - b * b).max(0.0))],
@@ -107,7 +118,9 @@ impl Impulse {
     }
 }
 
-const Q62: f32 = (1u64 << 62) as f32;
+const Q30: f32 = (1u64 << 30) as f32;
+const Q31: f32 = (1u64 << 31) as f32;
+const Q32: f32 = (1u64 << 32) as f32;
 
 /// A radius class: its resonator, and the pitch of its rising bubbles.
 #[derive(Clone, Copy, Debug)]
@@ -220,7 +233,7 @@ pub struct Tuner {
     radii: Radii,
     rise_factor: f32,
     /// For the live bank and the next one.
-    impulses: [[Impulse; CLASSES]; 2],
+    impulses: [[UnitImpulse; CLASSES]; 2],
     live: usize,
     walk: Option<Walk>,
 }
@@ -238,7 +251,7 @@ impl Tuner {
                 classes: 0,
             },
             rise_factor: 0.0,
-            impulses: [[Impulse::NONE; CLASSES]; 2],
+            impulses: [[UnitImpulse::NONE; CLASSES]; 2],
             live: 0,
             walk: None,
         }
@@ -305,12 +318,12 @@ impl Tuner {
             .iter_mut()
             .zip(&slice.classes)
         {
-            *impulse = Impulse::new(&class.tuning);
+            *impulse = UnitImpulse::new(&class.tuning);
         }
     }
 
     /// What sounds now.
-    pub fn live(&self) -> (&Radii, &[Impulse; CLASSES]) {
+    pub fn live(&self) -> (&Radii, &[UnitImpulse; CLASSES]) {
         (&self.radii, &self.impulses[self.live])
     }
 }
