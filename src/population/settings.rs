@@ -206,7 +206,8 @@ impl Law {
     const NONE: Self = Self {
         exponent: 0,
         still: ALL_STILL,
-        width: 256,
+        // As mono as `Ears::MONO`.
+        width: 0,
     };
 
     fn new(drive: &Drive, risen: f32, width: i32) -> Self {

@@ -3,7 +3,6 @@
 use embassy_stm32::gpio::{AfType, AnyPin, Flex, Input, Level, Output, OutputType, Pull, Speed};
 use embassy_stm32::i2c::{self, I2c, Master};
 use embassy_stm32::mode::Blocking;
-use embassy_stm32::peripherals::SPI3;
 use embassy_stm32::rcc::{
     AHBPrescaler, APBPrescaler, Hse, HseMode, Pll, PllMul, PllPDiv, PllPreDiv, PllQDiv, PllRDiv,
     PllSource, Sysclk,
@@ -18,6 +17,8 @@ use crate::{audio, i2s, log};
 
 /// The board's name.
 pub const NAME: &str = "STM32F407G-DISC1";
+/// The I2S block.
+pub type I2s = embassy_stm32::peripherals::SPI3;
 /// Its independent watchdog.
 pub type Watchdog = embassy_stm32::peripherals::IWDG;
 /// What it can hold.
@@ -95,7 +96,7 @@ pub fn init() -> Board {
     config.rcc.sys = Sysclk::PLL1_P;
     let p = embassy_stm32::init(config);
     super::f4::speed_up();
-    rcc::enable_and_reset::<SPI3>();
+    rcc::enable_and_reset::<I2s>();
     let af6 = AfType::output(OutputType::PushPull, Speed::VeryHigh);
     for mut pin in [
         Flex::new(p.PC7),

@@ -1,7 +1,6 @@
 //! "Black Pill" of WeAct: STM32F411CE, 96 MHz, with a PCM5102A.
 
 use embassy_stm32::gpio::{AfType, Flex, Input, Level, Output, OutputType, Pull, Speed};
-use embassy_stm32::peripherals::SPI2;
 use embassy_stm32::rcc::{
     AHBPrescaler, APBPrescaler, Hse, HseMode, Pll, PllMul, PllPDiv, PllPreDiv, PllQDiv, PllRDiv,
     PllSource, Sysclk,
@@ -15,6 +14,8 @@ use crate::{audio, i2s, log};
 
 /// The board's name.
 pub const NAME: &str = "Black Pill STM32F411";
+/// The I2S block.
+pub type I2s = embassy_stm32::peripherals::SPI2;
 /// Its independent watchdog.
 pub type Watchdog = embassy_stm32::peripherals::IWDG;
 /// What it can hold.
@@ -92,7 +93,7 @@ pub fn init() -> Board {
     config.rcc.sys = Sysclk::PLL1_P;
     let p = embassy_stm32::init(config);
     super::f4::speed_up();
-    rcc::enable_and_reset::<SPI2>();
+    rcc::enable_and_reset::<I2s>();
     let af5 = AfType::output(OutputType::PushPull, Speed::VeryHigh);
     for mut pin in [Flex::new(p.PB12), Flex::new(p.PB13), Flex::new(p.PB15)] {
         pin.set_as_af_unchecked(5, af5);

@@ -2,7 +2,6 @@
 
 use embassy_stm32::gpio::{AfType, Flex, Input, Level, Output, OutputType, Pull, Speed};
 
-use embassy_stm32::peripherals::SPI3;
 use embassy_stm32::rcc::{
     AHBPrescaler, APBPrescaler, Hse, HseMode, Pll, PllDiv, PllMul, PllPreDiv, PllSource, Sysclk,
     VoltageScale,
@@ -16,6 +15,8 @@ use crate::{audio, i2s, log};
 
 /// The board's name.
 pub const NAME: &str = "NUCLEO-H743ZI2";
+/// The I2S block.
+pub type I2s = embassy_stm32::peripherals::SPI3;
 /// Its independent watchdog.
 pub type Watchdog = embassy_stm32::peripherals::IWDG1;
 /// What it can hold.
@@ -114,7 +115,7 @@ pub fn init() -> Board {
     config.rcc.voltage_scale = VoltageScale::Scale0;
     config.rcc.mux.spi123sel = rcc::mux::Saisel::PLL2_P;
     let p = embassy_stm32::init(config);
-    rcc::enable_and_reset::<SPI3>();
+    rcc::enable_and_reset::<I2s>();
     let output = AfType::output(OutputType::PushPull, Speed::VeryHigh);
     for mut pin in [Flex::new(p.PC10), Flex::new(p.PC12), Flex::new(p.PA4)] {
         pin.set_as_af_unchecked(6, output);

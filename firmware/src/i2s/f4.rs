@@ -3,8 +3,10 @@
 use embassy_stm32::pac::dma::vals::{Dir, Pl, Size};
 use embassy_stm32::pac::spi::vals::{Chlen, Datlen, I2scfg, I2sstd, Odd};
 
+use embassy_stm32::rcc;
+
 use super::Event;
-use crate::board::{CHANNEL, CLOCK, DMA, SPI, STREAM};
+use crate::board::{CHANNEL, CLOCK, DMA, I2s, SPI, STREAM};
 
 /// A 24-bit sample as DMA reads it: in memory the upper half-word comes first.
 #[inline(always)]
@@ -49,14 +51,13 @@ pub fn start(buffer: *const u32, words: usize) {
     SPI.i2scfgr().modify(|w| w.set_i2se(true));
 }
 
-/// Stops both.
+/// Stops both, and leaves nothing in the I2S block: a half-word kept from before would put all that follows out of place.
 pub fn stop() {
-    SPI.cr2().modify(|w| w.set_txdmaen(false));
-    SPI.i2scfgr().modify(|w| w.set_i2se(false));
     let stream = DMA.st(STREAM);
     stream.cr().modify(|w| w.set_en(false));
     while stream.cr().read().en() {}
     clear();
+    rcc::enable_and_reset_without_stop::<I2s>();
 }
 
 /// Reads what the interrupt was for, and takes it away.

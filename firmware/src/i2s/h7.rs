@@ -4,8 +4,10 @@ use embassy_stm32::pac::DMAMUX1;
 use embassy_stm32::pac::dma::vals::{Dir, Pl, Size};
 use embassy_stm32::pac::spi::vals::{Chlen, Datfmt, Datlen, I2scfg, I2sstd, Odd};
 
+use embassy_stm32::rcc;
+
 use super::Event;
-use crate::board::{CLOCK, DMA, REQUEST, SPI, STREAM};
+use crate::board::{CLOCK, DMA, I2s, REQUEST, SPI, STREAM};
 
 /// A 24-bit sample as the I2S block takes it.
 #[inline(always)]
@@ -50,18 +52,13 @@ pub fn start(buffer: *const u32, words: usize) {
     SPI.cr1().modify(|w| w.set_cstart(true));
 }
 
-/// Stops both.
+/// Stops both, and leaves nothing in the I2S block: a half-word kept from before would put all that follows out of place.
 pub fn stop() {
-    if SPI.cr1().read().spe() {
-        SPI.cr1().modify(|w| w.set_csusp(true));
-        SPI.cr1().modify(|w| w.set_spe(false));
-    }
-    SPI.cfg1().modify(|w| w.set_txdmaen(false));
     let stream = DMA.st(STREAM);
     stream.cr().modify(|w| w.set_en(false));
     while stream.cr().read().en() {}
     clear();
-    SPI.ifcr().write(|w| w.set_udrc(true));
+    rcc::enable_and_reset_without_stop::<I2s>();
 }
 
 /// Reads what the interrupt was for, and takes it away.

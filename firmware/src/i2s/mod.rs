@@ -3,7 +3,8 @@
 //! **Deadline.** The DMA's interrupt comes each time a half begins to play; the other half is then free, and has to be
 //! filled before the next interrupt, one block (32 frames, 667 µs) later. **When it is missed**, the interrupt itself
 //! puts into the half that begins to play a fade from the last frame heard to silence, or silence: nothing old is ever
-//! repeated, and no channel can change places, for DMA and I2S never stop. The block that came late plays next, and
+//! repeated, and no channel can change places, for DMA and I2S never stop. The first frames of that fade stand there
+//! before, for DMA has read the first word by the time the interrupt runs. The block that came late plays next, and
 //! [`audio`](crate::audio) fades in. When the hardware reports an error, both are built anew.
 //!
 //! embassy's ring buffer is not used: after an underrun its write index may land in the middle of a frame.
@@ -19,6 +20,8 @@ use core::task::Poll;
 use embassy_sync::waitqueue::AtomicWaker;
 use freshet::{BLOCK, Block, Frame};
 
+/// Frames of a fade that stand ready, in case no block comes: 40 µs of interrupt latency.
+const AHEAD: usize = 2;
 /// Words of a half: a left and a right one for each frame.
 const HALF: usize = 2 * BLOCK;
 
@@ -106,22 +109,26 @@ pub fn hand_in(block: &Block) {
     cortex_m::interrupt::free(|_| {
         let turn = TURN.load(Relaxed);
         fill(turn, block);
+        end_with(block[BLOCK - 1]);
         FILLED.store(turn, Relaxed);
     });
 }
 
-/// Fills the half that is free in `turn`. Call with interrupts masked.
-fn fill(turn: u32, block: &Block) {
+/// Fills the half that is free in `turn`, from its beginning. Call with interrupts masked.
+fn fill(turn: u32, frames: &[Frame]) {
     let half = (turn.wrapping_sub(1) & 1) as usize;
     // SAFETY: interrupts are masked, and DMA reads the other half.
     let words = unsafe { &mut (*HALVES.0.get())[half] };
-    for (words, frame) in words.chunks_exact_mut(2).zip(block) {
+    for (words, frame) in words.chunks_exact_mut(2).zip(frames) {
         words[0] = hardware::word(frame.left);
         words[1] = hardware::word(frame.right);
     }
-    let end = block[BLOCK - 1];
-    LAST[0].store(end.left, Relaxed);
-    LAST[1].store(end.right, Relaxed);
+}
+
+/// Remembers what is heard last of what was filled in.
+fn end_with(frame: Frame) {
+    LAST[0].store(frame.left, Relaxed);
+    LAST[1].store(frame.right, Relaxed);
 }
 
 /// What went wrong so far.
@@ -154,25 +161,26 @@ pub fn on_interrupt() {
         let now = turn.wrapping_add(if in_step { 1 } else { 2 });
         if filled != NOBODY && (filled != turn || !in_step) {
             LATE.fetch_add(1, Relaxed);
-            fade_out(now);
+            // Into the half that begins to play.
+            fill(now.wrapping_add(1), &fade_out::<BLOCK>());
+            end_with(Frame::ZERO);
         }
+        fill(now, &fade_out::<AHEAD>());
         TURN.store(now, Relaxed);
     }
     WAKER.wake();
 }
 
-/// Puts a fade from the last frame heard to silence into the half that begins to play in `turn`.
-fn fade_out(turn: u32) {
+/// The beginning of a fade over a block, from the last frame heard to silence.
+fn fade_out<const N: usize>() -> [Frame; N] {
     let last = [LAST[0].load(Relaxed), LAST[1].load(Relaxed)];
-    let block: Block = core::array::from_fn(|i| {
+    core::array::from_fn(|i| {
         let left = (BLOCK - 1 - i) as i32;
         Frame {
             left: last[0] / BLOCK as i32 * left,
             right: last[1] / BLOCK as i32 * left,
         }
-    });
-    // The other half than the one free in this turn.
-    fill(turn.wrapping_add(1), &block);
+    })
 }
 
 /// What the hardware had to say.
