@@ -236,9 +236,11 @@ impl Voice {
         let begin = self.delay as usize;
         self.delay = 0;
         let mut envelope = (self.envelope >> 32) as i32;
+        let grown = self.slope.saturating_mul(BLOCK as u64);
+        let highest = self.pitch.saturating_add(grown).min(self.limit);
         let plain = envelope < ATTACK_END
             && self.fade == 0
-            && (self.slope == 0 || (self.limit >> 32) as u32 <= EDGE_START);
+            && (self.slope == 0 || (highest >> 32) as u32 <= EDGE_START);
         let ramping = (self.ramp >> 32).min((BLOCK - begin) as u64) as usize;
         let steady = begin + ramping;
         if ramping > 0 {
