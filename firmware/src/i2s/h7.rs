@@ -52,13 +52,14 @@ pub fn start(buffer: *const u32, words: usize) {
     SPI.cr1().modify(|w| w.set_cstart(true));
 }
 
-/// Stops both, and leaves nothing in the I2S block: a half-word kept from before would put all that follows out of place.
+/// Stops both, the I2S block first, and leaves nothing in it: a half-word kept from before would put all that follows
+/// out of place.
 pub fn stop() {
+    rcc::enable_and_reset_without_stop::<I2s>();
     let stream = DMA.st(STREAM);
     stream.cr().modify(|w| w.set_en(false));
     while stream.cr().read().en() {}
     clear();
-    rcc::enable_and_reset_without_stop::<I2s>();
 }
 
 /// Reads what the interrupt was for, and takes it away.
