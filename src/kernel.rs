@@ -20,6 +20,9 @@ use crate::resonator::{Impulse, Tuning};
 /// Most births that are drawn at a time.
 pub const DRAWN: usize = 48;
 
+/// As [`Stroke::still`]: nothing rises. Above every random number but one, which marks the end of a list.
+pub const ALL_STILL: u32 = u32::MAX - 1;
+
 /// What the births of one class are drawn by. The assembly knows where its words are.
 #[derive(Clone, Copy, Debug)]
 #[repr(C)]
@@ -129,7 +132,7 @@ impl Stroke {
         gap: 1 << 31,
         stretch: u32::MAX,
         silent_below: 0,
-        still: u32::MAX - 1,
+        still: ALL_STILL,
         exponent: 0,
         decay: 0,
         step: 0,

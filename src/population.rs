@@ -14,7 +14,7 @@ use settings::Ears;
 
 use crate::fixed::{PASCAL, exp2_neg, high, to_fixed};
 use crate::frame::{BLOCK, Block};
-use crate::kernel::{Drawn, Hits, Outcome, Source, Stroke, play, ring};
+use crate::kernel::{ALL_STILL, Drawn, Hits, Outcome, Source, Stroke, play, ring};
 use crate::observer::{Birth, Crowd as CrowdSeen, Observer, Path};
 use crate::random::{Random, Stream};
 use crate::resonator::{
@@ -34,8 +34,6 @@ pub const CLASS_MAX_PA: f32 = 2.0;
 /// From 2^this births a block (over ln 2) on they are gathered before the resonator runs: worth it on a desktop, where
 /// two resonators in step are faster than one. A Cortex-M gathers only crowds.
 const CROSSOVER: Option<u8> = if cfg!(dsp) { None } else { Some(3) };
-/// Nothing rises: above every random number but one, which marks the end of a list.
-const ALL_STILL: u32 = u32::MAX - 1;
 /// A retired bank rings out at least this fast, 1/s.
 const RETIRED_DECAY: f64 = 60.0;
 

@@ -40,7 +40,7 @@ pub enum ElfError {
     /// No symbol has the name.
     #[error(
         "no {kind} matches `{name}`: it may have been inlined or removed \
-         (mark it `#[inline(never)]`, or count a stretch of addresses)"
+         (mark it `#[inline(never)]`)"
     )]
     NoSymbol {
         /// What was looked for: a symbol, a function or a section.

@@ -74,6 +74,34 @@ fn the_audio_path_stays_within_its_budget() {
     }
 }
 
+/// Two-pole resonators in a block: both ears of a class, a sample each.
+const RESONATORS: f64 = 2.0 * BLOCK;
+
+#[test]
+fn a_resonator_and_a_birth_cost_what_they_may() {
+    // Rates at which classes have births in some blocks and none in others.
+    let scene = population(100_000);
+    let total = |name: &str| {
+        let mut board = board(&[("scene", scene.clone())], 1, unhurried());
+        board.run(START).expect("it runs");
+        let counter = board.count(name).expect("it is there");
+        board.run(Duration::from_secs(1)).expect("it runs");
+        board.counts(counter).expect("counted")
+    };
+    let mut births = 0.0;
+    for form in ["circle", "direct"] {
+        let ring = total(&format!("freshet_ring_{form}"));
+        let play = total(&format!("freshet_play_{form}"));
+        let a_sample = ring.mean() / RESONATORS;
+        println!("{form}: {a_sample:.2} a resonator and sample, the call included");
+        assert!(a_sample <= 6.5, "{form}: {a_sample:.2}");
+        births += play.total() as f64 - ring.mean() * play.calls.len() as f64;
+    }
+    let a_birth = births / 100_000.0;
+    println!("{a_birth:.0} a birth");
+    assert!(a_birth <= 80.0, "{a_birth:.0} a birth");
+}
+
 /// Scenes that an F407 does not yet play in time.
 const TOO_DENSE: [&str; 4] = ["fountain", "river", "surf", "waterfall"];
 

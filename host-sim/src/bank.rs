@@ -4,16 +4,13 @@ use anyhow::{Context, Result, bail};
 use freshet::bank::{self, Bank, Boot, HEADER, MAGIC, ROW, SceneRecord, VERSION};
 use freshet::scene::Scene;
 
-use crate::built_in::SCENES;
-use crate::scene_file::SceneFile;
+use crate::built_in;
 
 /// The bank of all built-in scenes; a board starts with the one called `boot`.
 pub fn built_in(boot: &str, seed: Option<u64>) -> Result<Vec<u8>> {
-    let mut scenes = Vec::new();
-    for (name, text) in SCENES {
-        let file = SceneFile::parse(&format!("scenes/{name}.toml"), text)?;
-        scenes.push((*name, file.scene));
-    }
+    let scenes = built_in::all()
+        .map(|scene| scene.map(|(name, file)| (name, file.scene)))
+        .collect::<Result<Vec<_>>>()?;
     let scene = scenes
         .iter()
         .position(|scene| scene.0 == boot)
@@ -50,8 +47,6 @@ pub fn write(scenes: &[(&str, Scene)], boot: Boot) -> Result<Vec<u8>> {
 }
 
 fn assemble(sections: &[(u32, Vec<u8>)]) -> Result<Vec<u8>> {
-    // Sections begin at multiples of four, for a reader that wants words.
-    let aligned = |at: usize| at.next_multiple_of(4);
     let mut rows = Vec::new();
     let mut bodies = Vec::new();
     let start = HEADER + sections.len() * ROW;
@@ -61,7 +56,8 @@ fn assemble(sections: &[(u32, Vec<u8>)]) -> Result<Vec<u8>> {
             rows.extend(word.to_le_bytes());
         }
         bodies.extend_from_slice(body);
-        bodies.resize(aligned(bodies.len()), 0);
+        // The next one begins at a word.
+        bodies.resize(bodies.len().next_multiple_of(4), 0);
     }
     let mut bytes = Vec::from(MAGIC);
     bytes.extend(VERSION.to_le_bytes());

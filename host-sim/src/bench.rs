@@ -10,9 +10,8 @@ use freshet::voices::{Pitch, Strike};
 use freshet::{Frame, TICK};
 
 use crate::board::{Board, Player};
-use crate::built_in::SCENES;
+use crate::built_in;
 use crate::scene_file::SceneFile;
-use crate::source::Source;
 
 const RATE: u32 = 48_000;
 /// Each figure is the best of so many runs: what else the machine does only ever adds.
@@ -51,8 +50,9 @@ pub fn bench(request: &Request) -> Result<String> {
         .collect();
     lines.extend([5_000, 10_000].map(|count| voices(count, frames)));
     lines.extend(idle(frames));
-    for (name, _) in SCENES {
-        let scene = Source::built_in(name)?.scene.scene;
+    for scene in built_in::all() {
+        let (name, file) = scene?;
+        let scene = file.scene;
         let speed = speed(
             || Board::Desk.player(&scene, RATE, 1, Output::Bits16),
             frames,

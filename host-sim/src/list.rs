@@ -3,23 +3,19 @@
 use anyhow::Result;
 use freshet::param::{self, Curve, Kind, Param, TABLE};
 
-use crate::built_in::SCENES;
+use crate::built_in;
 use crate::scene_file::{SceneFile, expectation, show_value, unknown_path};
 use crate::source::Source;
 
 /// Every scene that travels with the command, a line each.
 pub fn list() -> Result<String> {
-    let width = SCENES.iter().map(|scene| scene.0.len()).max().unwrap_or(0);
-    let lines: Result<Vec<String>> = SCENES
+    let scenes = built_in::all().collect::<Result<Vec<_>>>()?;
+    let width = scenes.iter().map(|scene| scene.0.len()).max().unwrap_or(0);
+    let lines: Vec<String> = scenes
         .iter()
-        .map(|(name, _)| {
-            Ok(format!(
-                "{name:width$}  {}",
-                Source::built_in(name)?.scene.sounds
-            ))
-        })
+        .map(|(name, file)| format!("{name:width$}  {}", file.sounds))
         .collect();
-    Ok(lines?.join("\n"))
+    Ok(lines.join("\n"))
 }
 
 /// The parameters: all of them as a table, or those at or below `path` in full, with their values in `scene`.

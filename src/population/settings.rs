@@ -4,10 +4,10 @@
 use core::f32::consts::LOG2_E;
 
 use super::tuner::{Radii, UnitImpulse};
-use super::{ALL_STILL, CLASS_MAX_PA, CLASSES, CROSSOVER, CROWD, Crowd, Flow};
+use super::{CLASS_MAX_PA, CLASSES, CROSSOVER, CROWD, Crowd, Flow};
 use crate::fixed::{exp2_neg, neg_log2, pan, reciprocal};
 use crate::frame::BLOCK;
-use crate::kernel::Stroke;
+use crate::kernel::{ALL_STILL, Stroke};
 use crate::random::Random;
 use crate::resonator::STRIKES_MAX;
 

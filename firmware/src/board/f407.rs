@@ -1,17 +1,14 @@
 //! STM32F407G-DISC1: STM32F407VG, 168 MHz, with a CS43L22 on the board. Pins from its manual, UM1472.
 
-use embassy_stm32::gpio::{AfType, AnyPin, Flex, Input, Level, Output, OutputType, Pull, Speed};
+use embassy_stm32::gpio::{AnyPin, Input, Level, Output, Pull, Speed};
 use embassy_stm32::i2c::{self, I2c, Master};
 use embassy_stm32::mode::Blocking;
-use embassy_stm32::rcc::{
-    AHBPrescaler, APBPrescaler, Hse, HseMode, Pll, PllMul, PllPDiv, PllPreDiv, PllQDiv, PllRDiv,
-    PllSource, Sysclk,
-};
-use embassy_stm32::time::Hertz;
-use embassy_stm32::{Config, Peri, interrupt, pac, rcc};
+use embassy_stm32::rcc::{APBPrescaler, PllMul, PllPDiv, PllQDiv};
+use embassy_stm32::{Peri, interrupt, pac, rcc};
 use embassy_time::Duration;
 
-use super::{Board, Button, DMA_PRIORITY, Lights};
+use super::f4::CoreClock;
+use super::{Board, Button, Lights};
 use crate::clock::SampleClock;
 use crate::{audio, i2s, log};
 
@@ -60,53 +57,16 @@ fn DMA1_STREAM5() {
 
 /// Sets up clocks, pins and the codec.
 pub fn init() -> Board {
-    let crystal = super::f4::crystal_starts();
-    // The internal 16 MHz serve in need, at the same 1.6 MHz into the loops: 1 % off pitch, but it sounds.
-    let (source, prediv) = if crystal {
-        (PllSource::HSE, PllPreDiv::DIV5)
-    } else {
-        log::error!("the crystal does not start");
-        (PllSource::HSI, PllPreDiv::DIV10)
-    };
-    let mut config = Config::default();
-    config.dma_interrupt_priority = DMA_PRIORITY;
-    config.rcc.hse = crystal.then_some(Hse {
-        freq: Hertz(CLOCK.crystal),
-        mode: HseMode::Oscillator,
-    });
-    config.rcc.pll_src = source;
     // 168 MHz for the core, 48 MHz for USB.
-    config.rcc.pll = Some(Pll {
-        prediv,
-        mul: PllMul::MUL210,
-        divp: Some(PllPDiv::DIV2),
-        divq: Some(PllQDiv::DIV7),
-        divr: None,
+    let (p, crystal) = super::f4::start(CoreClock {
+        pll: (PllMul::MUL210, PllPDiv::DIV2, PllQDiv::DIV7),
+        apb: (APBPrescaler::DIV4, APBPrescaler::DIV2),
     });
-    config.rcc.plli2s = Some(Pll {
-        prediv,
-        mul: PllMul::from(CLOCK.n as u16),
-        divp: None,
-        divq: None,
-        divr: Some(PllRDiv::from(CLOCK.r as u8)),
-    });
-    config.rcc.ahb_pre = AHBPrescaler::DIV1;
-    config.rcc.apb1_pre = APBPrescaler::DIV4;
-    config.rcc.apb2_pre = APBPrescaler::DIV2;
-    config.rcc.sys = Sysclk::PLL1_P;
-    let p = embassy_stm32::init(config);
-    super::f4::speed_up();
     rcc::enable_and_reset::<I2s>();
-    let af6 = AfType::output(OutputType::PushPull, Speed::VeryHigh);
-    for mut pin in [
-        Flex::new(p.PC7),
-        Flex::new(p.PC10),
-        Flex::new(p.PC12),
-        Flex::new(p.PA4),
-    ] {
-        pin.set_as_af_unchecked(6, af6);
-        core::mem::forget(pin);
-    }
+    super::give_to_i2s(
+        [p.PC7.into(), p.PC10.into(), p.PC12.into(), p.PA4.into()],
+        6,
+    );
     // The codec wants its master clock before it is switched on.
     i2s::idle();
     let mut reset = Output::new(p.PD4, Level::Low, Speed::Low);

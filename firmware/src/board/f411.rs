@@ -1,16 +1,13 @@
 //! "Black Pill" of WeAct: STM32F411CE, 96 MHz, with a PCM5102A.
 
-use embassy_stm32::gpio::{AfType, Flex, Input, Level, Output, OutputType, Pull, Speed};
-use embassy_stm32::rcc::{
-    AHBPrescaler, APBPrescaler, Hse, HseMode, Pll, PllMul, PllPDiv, PllPreDiv, PllQDiv, PllRDiv,
-    PllSource, Sysclk,
-};
-use embassy_stm32::time::Hertz;
-use embassy_stm32::{Config, interrupt, pac, rcc};
+use embassy_stm32::gpio::{Input, Level, Output, Pull, Speed};
+use embassy_stm32::rcc::{APBPrescaler, PllMul, PllPDiv, PllQDiv};
+use embassy_stm32::{interrupt, pac, rcc};
 
-use super::{Board, Button, DMA_PRIORITY, Lights};
+use super::f4::CoreClock;
+use super::{Board, Button, Lights};
 use crate::clock::SampleClock;
-use crate::{audio, i2s, log};
+use crate::{audio, i2s};
 
 /// The board's name.
 pub const NAME: &str = "Black Pill STM32F411";
@@ -57,48 +54,13 @@ fn DMA1_STREAM4() {
 
 /// Sets up clocks and pins.
 pub fn init() -> Board {
-    let crystal = super::f4::crystal_starts();
-    // The internal 16 MHz serve in need, at the same 1 MHz into the loops: 1 % off pitch, but it sounds.
-    let (source, prediv) = if crystal {
-        (PllSource::HSE, PllPreDiv::from(CLOCK.m as u8))
-    } else {
-        log::error!("the crystal does not start");
-        (PllSource::HSI, PllPreDiv::DIV16)
-    };
-    let mut config = Config::default();
-    config.dma_interrupt_priority = DMA_PRIORITY;
-    config.rcc.hse = crystal.then_some(Hse {
-        freq: Hertz(CLOCK.crystal),
-        mode: HseMode::Oscillator,
-    });
-    config.rcc.pll_src = source;
     // 96 MHz for the core, 48 MHz for USB.
-    config.rcc.pll = Some(Pll {
-        prediv,
-        mul: PllMul::MUL384,
-        divp: Some(PllPDiv::DIV4),
-        divq: Some(PllQDiv::DIV8),
-        divr: None,
+    let (p, crystal) = super::f4::start(CoreClock {
+        pll: (PllMul::MUL384, PllPDiv::DIV4, PllQDiv::DIV8),
+        apb: (APBPrescaler::DIV2, APBPrescaler::DIV1),
     });
-    config.rcc.plli2s = Some(Pll {
-        prediv,
-        mul: PllMul::from(CLOCK.n as u16),
-        divp: None,
-        divq: None,
-        divr: Some(PllRDiv::from(CLOCK.r as u8)),
-    });
-    config.rcc.ahb_pre = AHBPrescaler::DIV1;
-    config.rcc.apb1_pre = APBPrescaler::DIV2;
-    config.rcc.apb2_pre = APBPrescaler::DIV1;
-    config.rcc.sys = Sysclk::PLL1_P;
-    let p = embassy_stm32::init(config);
-    super::f4::speed_up();
     rcc::enable_and_reset::<I2s>();
-    let af5 = AfType::output(OutputType::PushPull, Speed::VeryHigh);
-    for mut pin in [Flex::new(p.PB12), Flex::new(p.PB13), Flex::new(p.PB15)] {
-        pin.set_as_af_unchecked(5, af5);
-        core::mem::forget(pin);
-    }
+    super::give_to_i2s([p.PB12.into(), p.PB13.into(), p.PB15.into()], 5);
     Board {
         lights: Lights {
             alive: Output::new(p.PC13, Level::High, Speed::Low),

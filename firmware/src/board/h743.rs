@@ -1,6 +1,6 @@
 //! NUCLEO-H743ZI2: STM32H743ZI, 480 MHz, with a PCM5102A. Pins from its manual, UM2407.
 
-use embassy_stm32::gpio::{AfType, Flex, Input, Level, Output, OutputType, Pull, Speed};
+use embassy_stm32::gpio::{Input, Level, Output, Pull, Speed};
 
 use embassy_stm32::rcc::{
     AHBPrescaler, APBPrescaler, Hse, HseMode, Pll, PllDiv, PllMul, PllPreDiv, PllSource, Sysclk,
@@ -115,12 +115,13 @@ pub fn init() -> Board {
     config.rcc.voltage_scale = VoltageScale::Scale0;
     config.rcc.mux.spi123sel = rcc::mux::Saisel::PLL2_P;
     let p = embassy_stm32::init(config);
+    // Flash is eight times as slow as the core. No cache for data: it is in the DTCM, and DMA's buffer needs none.
+    // SAFETY: only this touches the caches, and nothing but the start runs yet.
+    unsafe { cortex_m::Peripherals::steal() }
+        .SCB
+        .enable_icache();
     rcc::enable_and_reset::<I2s>();
-    let output = AfType::output(OutputType::PushPull, Speed::VeryHigh);
-    for mut pin in [Flex::new(p.PC10), Flex::new(p.PC12), Flex::new(p.PA4)] {
-        pin.set_as_af_unchecked(6, output);
-        core::mem::forget(pin);
-    }
+    super::give_to_i2s([p.PC10.into(), p.PC12.into(), p.PA4.into()], 6);
     Board {
         lights: Lights {
             alive: Output::new(p.PB0, Level::Low, Speed::Low),

@@ -11,7 +11,7 @@ pub use chosen::*;
 
 use embassy_executor::SendSpawner;
 use embassy_stm32::Peri;
-use embassy_stm32::gpio::{Input, Output};
+use embassy_stm32::gpio::{AfType, AnyPin, Flex, Input, Output, OutputType, Speed};
 use embassy_stm32::interrupt::{InterruptExt, Priority};
 
 /// The DMA's interrupt goes above the audio task's, and that above all else.
@@ -34,6 +34,18 @@ pub struct Board {
 pub fn spawner() -> SendSpawner {
     AUDIO_INTERRUPT.set_priority(AUDIO_PRIORITY);
     crate::audio::EXECUTOR.start(AUDIO_INTERRUPT)
+}
+
+/// Gives pins to the I2S block for good; `function` is their alternate function's number.
+fn give_to_i2s<const N: usize>(pins: [Peri<'static, AnyPin>; N], function: u8) {
+    for pin in pins {
+        let mut pin = Flex::new(pin);
+        pin.set_as_af_unchecked(
+            function,
+            AfType::output(OutputType::PushPull, Speed::VeryHigh),
+        );
+        core::mem::forget(pin);
+    }
 }
 
 /// A button.

@@ -1,12 +1,13 @@
-//! I2S and DMA of the STM32F4: 24-bit samples go out as two half-words, the upper one first.
+//! The I2S block of the STM32F4: 24-bit samples go out as two half-words, the upper one first.
 
-use embassy_stm32::pac::dma::vals::{Dir, Pl, Size};
+use embassy_stm32::pac::dma::vals::Size;
 use embassy_stm32::pac::spi::vals::{Chlen, Datlen, I2scfg, I2sstd, Odd};
 
-use embassy_stm32::rcc;
+use super::dma;
+use crate::board::{CHANNEL, CLOCK, SPI};
 
-use super::Event;
-use crate::board::{CHANNEL, CLOCK, DMA, I2s, SPI, STREAM};
+/// DMA's items in a word.
+pub const ITEMS: usize = 2;
 
 /// A 24-bit sample as DMA reads it: in memory the upper half-word comes first.
 #[inline(always)]
@@ -28,60 +29,10 @@ pub fn start(buffer: *const u32, words: usize) {
         w.set_datlen(Datlen::BITS24);
         w.set_chlen(Chlen::BITS32);
     });
-    let stream = DMA.st(STREAM);
-    stream.par().write_value(SPI.dr().as_ptr() as u32);
-    stream.m0ar().write_value(buffer as u32);
-    stream.ndtr().write(|w| w.set_ndt(2 * words as u16));
-    clear();
-    stream.cr().write(|w| {
-        w.set_chsel(CHANNEL);
-        w.set_dir(Dir::MEMORY_TO_PERIPHERAL);
-        w.set_minc(true);
-        w.set_msize(Size::BITS16);
-        w.set_psize(Size::BITS16);
-        w.set_circ(true);
-        w.set_pl(Pl::VERY_HIGH);
-        w.set_htie(true);
-        w.set_tcie(true);
-        w.set_teie(true);
-        w.set_dmeie(true);
+    let register = SPI.dr().as_ptr().cast();
+    dma::start(register, buffer, ITEMS * words, Size::BITS16, |cr| {
+        cr.set_chsel(CHANNEL);
     });
-    stream.cr().modify(|w| w.set_en(true));
     SPI.cr2().modify(|w| w.set_txdmaen(true));
     SPI.i2scfgr().modify(|w| w.set_i2se(true));
-}
-
-/// Stops both, the I2S block first, and leaves nothing in it: a half-word kept from before would put all that follows
-/// out of place.
-pub fn stop() {
-    rcc::enable_and_reset_without_stop::<I2s>();
-    let stream = DMA.st(STREAM);
-    stream.cr().modify(|w| w.set_en(false));
-    while stream.cr().read().en() {}
-    clear();
-}
-
-/// Reads what the interrupt was for, and takes it away.
-pub fn acknowledge() -> Event {
-    let flags = DMA.isr(STREAM / 4).read();
-    let at = STREAM % 4;
-    // An underrun of the I2S block means that words were lost: the channels may have changed places.
-    let failed = flags.teif(at) || flags.dmeif(at) || SPI.sr().read().udr();
-    let began = (flags.htif(at) || flags.tcif(at)).then(|| {
-        clear();
-        // More than half to go: the first half plays.
-        usize::from(DMA.st(STREAM).ndtr().read().ndt()) <= 2 * super::HALF
-    });
-    Event { began, failed }
-}
-
-fn clear() {
-    let at = STREAM % 4;
-    DMA.ifcr(STREAM / 4).write(|w| {
-        w.set_htif(at, true);
-        w.set_tcif(at, true);
-        w.set_teif(at, true);
-        w.set_dmeif(at, true);
-        w.set_feif(at, true);
-    });
 }

@@ -9,6 +9,7 @@
 //!
 //! embassy's ring buffer is not used: after an underrun its write index may land in the middle of a frame.
 
+mod dma;
 #[cfg_attr(any(feature = "f407", feature = "f411"), path = "f4.rs")]
 #[cfg_attr(feature = "h743", path = "h7.rs")]
 mod hardware;
@@ -17,8 +18,11 @@ use core::cell::UnsafeCell;
 use core::sync::atomic::{AtomicBool, AtomicI32, AtomicU32, Ordering::Relaxed};
 use core::task::Poll;
 
+use embassy_stm32::rcc;
 use embassy_sync::waitqueue::AtomicWaker;
 use freshet::{BLOCK, Block, Frame};
+
+use crate::board::{I2s, SPI};
 
 /// Frames of a fade that stand ready, in case no block comes: 40 µs of interrupt latency.
 const AHEAD: usize = 2;
@@ -78,7 +82,7 @@ pub fn idle() {
 
 /// Builds the driver and starts it in silence; from here on blocks are due.
 pub fn restart() {
-    hardware::stop();
+    stop();
     // SAFETY: DMA is off.
     unsafe { *HALVES.0.get() = [[0; HALF]; 2] };
     LAST.iter().for_each(|last| last.store(0, Relaxed));
@@ -86,6 +90,13 @@ pub fn restart() {
     FILLED.store(0, Relaxed);
     FAILED.store(false, Relaxed);
     hardware::start(HALVES.0.get().cast(), 2 * HALF);
+}
+
+/// Stops both, the I2S block first, and leaves nothing in it: a half-word kept from before would put all that follows
+/// out of place.
+fn stop() {
+    rcc::enable_and_reset_without_stop::<I2s>();
+    dma::stop();
 }
 
 /// Waits until something is wanted.
@@ -148,15 +159,17 @@ pub fn mute() {
 
 /// The DMA's interrupt.
 pub fn on_interrupt() {
-    let event = hardware::acknowledge();
-    if event.failed {
-        hardware::stop();
+    let flags = dma::acknowledge();
+    // An underrun of the I2S block means that words were lost: the channels may have changed places.
+    if flags.failed || SPI.sr().read().udr() {
+        stop();
         ERRORS.fetch_add(1, Relaxed);
         FAILED.store(true, Relaxed);
-    } else if event.began.is_some() {
+    } else if let Some(left) = flags.left {
         let turn = TURN.load(Relaxed);
         // Half 1 begins to play in odd turns; an interrupt that was held up may have missed one.
-        let in_step = event.began == Some(turn & 1 == 0);
+        let second = left <= HALF * hardware::ITEMS;
+        let in_step = second == (turn & 1 == 0);
         let filled = FILLED.load(Relaxed);
         let now = turn.wrapping_add(if in_step { 1 } else { 2 });
         if filled != NOBODY && (filled != turn || !in_step) {
@@ -181,12 +194,4 @@ fn fade_out<const N: usize>() -> [Frame; N] {
             right: last[1] / BLOCK as i32 * left,
         }
     })
-}
-
-/// What the hardware had to say.
-struct Event {
-    /// The half that now plays has just begun; true: the second.
-    began: Option<bool>,
-    /// DMA or I2S reported an error.
-    failed: bool,
 }
