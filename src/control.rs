@@ -3,20 +3,31 @@
 //! Nothing here is called from the audio path. It may use f64, where pitch and decay want it, but a tick has to be done
 //! before the next one on a processor that has none: whatever takes longer is spread over a fixed number of ticks.
 
-use heapless::Vec;
+use heapless::{Deque, Vec};
 
 use crate::bubble::ENTRAINMENT;
 use crate::drops::{self, Drops};
-use crate::frame::TICK;
+use crate::fixed::to_fixed;
+use crate::frame::{BLOCK, TICK};
 use crate::mix;
 use crate::param::{self, COUNT, TABLE};
 use crate::population::{Drive, Radii, Slice, Tuner};
 use crate::scene::{CURVES, IntensityCurve, Scene};
 use crate::swell::{self, Swell};
 use crate::update::Update;
+use crate::voices::{Pitch, Strike};
 
+/// Ticks between two steps of the swell: it moves slowly, and all that is struck follows it.
+const SWELL_STEP: u32 = 4;
 /// Time a change of scene takes, s.
 const SCENE_RAMP: f32 = 0.5;
+/// Longest ramp, s.
+pub const RAMP_MAX: f32 = 3600.0;
+/// Time that [`Control::mute`] takes, s.
+const MUTE_RAMP: f32 = 0.05;
+/// Bubbles asked for that may wait, and how many of them sound in a tick: their pitch wants f64.
+const TRIGGERS: usize = 16;
+const TRIGGERS_A_TICK: usize = 2;
 
 /// A value that the table does not allow.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -90,13 +101,25 @@ pub struct Control {
     ramps: [Ramp; COUNT],
     curves: Vec<IntensityCurve, CURVES>,
     swell: Swell,
+    /// How high the water stands, from 0 to 1, and ticks until that is looked at again.
+    height: f32,
+    settled: u32,
     drops: Drops,
     tuner: Tuner,
     /// What the water is driven by, and a number for it that differs from the one before.
     drive: Drive,
     version: u32,
-    mixed: [f32; 3],
+    mixed: Mixed,
+    triggers: Deque<Trigger, TRIGGERS>,
+    muted: bool,
+    /// From 1 to 0 where it is muted.
+    gain: f32,
 }
+
+/// A bubble asked for: m, Pa, ξ.
+type Trigger = [f32; 3];
+/// What the mix is driven by: the parameters of [`MIXING`], and the gain.
+type Mixed = ([f32; 3], f32);
 
 const TUNING: [usize; 4] = [
     param::RADIUS_MIN,
@@ -114,13 +137,18 @@ impl Control {
             sample_rate: sample_rate as f32,
             max_rate,
             swell: Swell::new(seed),
+            height: 0.0,
+            settled: 0,
             drops: Drops::new(seed, sample_rate),
             tuner: Tuner::new(sample_rate),
             ramps: TABLE.each_ref().map(|param| Ramp::at(param.default)),
             curves: Vec::new(),
             drive: Drive::NONE,
             version: 1,
-            mixed: [0.0; 3],
+            mixed: ([0.0; 3], 1.0),
+            triggers: Deque::new(),
+            muted: false,
+            gain: 1.0,
         };
         control.ramps = control.take(scene).map(Ramp::at);
         (control.tuner).begin(control.radii(), control.at(param::RISE_FACTOR));
@@ -131,6 +159,36 @@ impl Control {
     /// The value a parameter is at now.
     pub fn get(&self, index: usize) -> f32 {
         self.ramps[index].now
+    }
+
+    /// The value a parameter is heading for.
+    pub fn target(&self, index: usize) -> f32 {
+        let ramp = &self.ramps[index];
+        if ramp.left > 0 { ramp.target } else { ramp.now }
+    }
+
+    /// Whether the intensity moves a parameter.
+    pub fn follows_intensity(&self, index: usize) -> bool {
+        self.curves.iter().any(|curve| curve.param == index)
+    }
+
+    /// Fades everything out, or in again; no parameter moves by that.
+    pub fn mute(&mut self, on: bool) {
+        self.muted = on;
+    }
+
+    /// Whether everything is faded out.
+    pub fn is_muted(&self) -> bool {
+        self.muted && self.gain == 0.0
+    }
+
+    /// Sounds a bubble of `radius` metres, `pressure` Pa at 1 m, and `rise_factor`, in the middle. Returns by how many
+    /// ticks it is later than other things asked for now; none where too many wait already.
+    pub fn trigger(&mut self, radius: f32, pressure: f32, rise_factor: f32) -> Option<u32> {
+        let ticks = self.triggers.len() / TRIGGERS_A_TICK;
+        let trigger = [radius, pressure, rise_factor];
+        self.triggers.push_back(trigger).ok()?;
+        Some(ticks as u32)
     }
 
     /// Moves a parameter to `value` in `ramp` seconds, or in the time the table gives.
@@ -168,11 +226,15 @@ impl Control {
     fn take(&mut self, scene: &Scene) -> [f32; COUNT] {
         self.curves.clone_from(&scene.curves);
         let mut values = TABLE.each_ref().map(|param| param.default);
+        let intensity = (scene.values.iter())
+            .find(|(index, _)| *index == param::INTENSITY)
+            .map_or(values[param::INTENSITY], |(_, value)| *value);
+        for curve in &self.curves {
+            values[curve.param] = curve.at(intensity);
+        }
+        // What the scene says itself comes first; a curve takes over when the intensity moves.
         for &(index, value) in &scene.values {
             values[index] = value;
-        }
-        for curve in &self.curves {
-            values[curve.param] = curve.at(values[param::INTENSITY]);
         }
         values
     }
@@ -217,6 +279,12 @@ impl Control {
             let (radii, impulses) = self.tuner.live();
             (update.water).drive(&self.drive, radii, impulses, self.sample_rate);
         }
+        let step = TICK as f32 / (MUTE_RAMP * self.sample_rate);
+        self.gain = if self.muted {
+            (self.gain - step).max(0.0)
+        } else {
+            (self.gain + step).min(1.0)
+        };
         let mixed = self.mixing();
         update.mix = (mixed != self.mixed).then(|| mix_settings(mixed));
         self.mixed = mixed;
@@ -230,6 +298,16 @@ impl Control {
             rise_factor: self.at(param::DROPS_RISE),
             width: self.at(param::WIDTH),
         };
+        update.strikes.clear();
+        for block in 0..TRIGGERS_A_TICK {
+            if let Some([radius, pressure, rise_factor]) = self.triggers.pop_front() {
+                let pitch = Pitch::new(radius, rise_factor, f64::from(self.sample_rate));
+                let gain = [to_fixed(f64::from(pressure), 28); 2];
+                // As the audio path takes them, one in a block; there is room.
+                let strike = Strike::new(pitch, (block * BLOCK) as f64, gain);
+                let _ = update.strikes.push(strike);
+            }
+        }
         self.drops.tick(&drops, &mut update.strikes);
     }
 
@@ -258,16 +336,21 @@ impl Control {
 
     /// The swell goes on, and with it what the water is driven by.
     fn drive(&mut self) -> Drive {
-        let swell = swell::Settings {
-            period: self.at(param::SWELL_PERIOD),
-            irregularity: self.at(param::SWELL_IRREGULARITY),
-            attack: self.at(param::SWELL_ATTACK),
-        };
-        let height = self.swell.advance(TICK as f32 / self.sample_rate, &swell);
+        if self.settled == 0 {
+            self.settled = SWELL_STEP;
+            let swell = swell::Settings {
+                period: self.at(param::SWELL_PERIOD),
+                irregularity: self.at(param::SWELL_IRREGULARITY),
+                attack: self.at(param::SWELL_ATTACK),
+            };
+            let seconds = (SWELL_STEP * TICK as u32) as f32 / self.sample_rate;
+            self.height = self.swell.advance(seconds, &swell);
+        }
+        self.settled -= 1;
         // What falls away between waves.
         let ebb = match self.at(param::SWELL_DEPTH) {
             0.0 => 0.0,
-            depth => depth * (1.0 - height),
+            depth => depth * (1.0 - self.height),
         };
         let law = self.at(param::LAW) as usize;
         let gamma = if law == 1 { self.at(param::GAMMA) } else { 0.0 };
@@ -291,11 +374,11 @@ impl Control {
         }
     }
 
-    fn mixing(&self) -> [f32; 3] {
-        MIXING.map(|i| self.at(i))
+    fn mixing(&self) -> Mixed {
+        (MIXING.map(|i| self.at(i)), self.gain)
     }
 }
 
-fn mix_settings([level, tone, limiter]: [f32; 3]) -> mix::Settings {
-    mix::Settings::new(f64::from(level), f64::from(tone), limiter == 1.0)
+fn mix_settings(([level, tone, limiter], gain): Mixed) -> mix::Settings {
+    mix::Settings::new(f64::from(level), f64::from(tone), limiter == 1.0).attenuated(gain)
 }

@@ -8,8 +8,8 @@ use crate::frame::{BLOCKS_PER_TICK, TICK};
 use crate::random::{Random, Stream};
 use crate::voices::{Pitch, Strike};
 
-/// Most bubbles that drops start in one tick; others wait for the next one. The densest rain has 4.3 on average.
-pub const STRIKES: usize = 6;
+/// Most bubbles that drops start in one tick; others wait for the next one. The densest rain has 1.1 on average.
+pub const STRIKES: usize = 3;
 // The audio path takes one in a block.
 const _: () = assert!(STRIKES <= BLOCKS_PER_TICK);
 
@@ -78,9 +78,8 @@ impl Drops {
         }
     }
 
-    /// The bubbles of a tick's drops, which fall in the tick after it: so the audio path can take them one by one.
+    /// Adds the bubbles of a tick's drops, which fall in the tick after it: so the audio path can take them one by one.
     pub fn tick(&mut self, settings: &Settings, strikes: &mut Vec<Strike, STRIKES>) {
-        strikes.clear();
         let per_tick = f64::from(settings.rate) * TICK as f64 / self.sample_rate;
         while !strikes.is_full() {
             if let Some(drop) = self.drop.take() {

@@ -3,8 +3,9 @@
 /// Frames the core renders at a time.
 pub const BLOCK: usize = 32;
 
-/// Blocks between two steps of the control path; every change of settings takes effect at such a step.
-pub const BLOCKS_PER_TICK: usize = 16;
+/// Blocks between two steps of the control path; every change of settings takes effect at such a step. What is asked for
+/// sounds two ticks later at most, 5.3 ms at 48 kHz.
+pub const BLOCKS_PER_TICK: usize = 4;
 
 /// Frames between two steps of the control path.
 pub const TICK: usize = BLOCK * BLOCKS_PER_TICK;

@@ -22,6 +22,7 @@ pub mod observer;
 pub mod param;
 pub mod population;
 pub mod profile;
+pub mod protocol;
 pub mod random;
 pub mod resonator;
 pub mod scene;

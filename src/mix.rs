@@ -1,7 +1,7 @@
 //! From the bus in pascal to the converter: level, DC blocker, tone, limiter, dither.
 
 use crate::fixed::{FULL_SCALE, to_fixed};
-use crate::frame::{BLOCK, Block, Frame, TICK};
+use crate::frame::{BLOCK, Block, Frame};
 use crate::limiter::Limiter;
 use crate::random::{Random, Stream};
 use crate::stats::Stats;
@@ -35,6 +35,8 @@ pub const TONE_CORNER: f64 = 1000.0;
 const DC_CORNER: f64 = 1.9;
 /// Frames of exact silence after which the dither stops too.
 const DITHER_TAIL: u32 = 1024;
+/// Frames in which a gain moves to another one, along a line: 21 ms at 48 kHz.
+pub const GLIDE: usize = 1024;
 /// Gains are Q24: up to +42 dB.
 const UNITY: i32 = 1 << 24;
 
@@ -67,6 +69,15 @@ impl Settings {
             limiter,
         }
     }
+
+    /// The same, with a further gain from 0 to 1.
+    pub fn attenuated(mut self, gain: f32) -> Self {
+        // The level itself is finer than an f32.
+        if gain < 1.0 {
+            self.level = (self.level as f32 * gain) as i32;
+        }
+        self
+    }
 }
 
 /// A gain on its way to where it should be, a step each frame.
@@ -94,8 +105,8 @@ impl Glide {
             return;
         }
         self.target = target;
-        self.left = TICK as u32;
-        self.step = ((i64::from(target) << 16) - self.now) / TICK as i64;
+        self.left = GLIDE as u32;
+        self.step = ((i64::from(target) << 16) - self.now) / GLIDE as i64;
     }
 
     #[inline(always)]
@@ -220,7 +231,7 @@ impl Mix {
         }
     }
 
-    /// Glides to new settings over the next tick.
+    /// Glides to new settings.
     pub fn apply(&mut self, settings: &Settings) {
         self.level.aim(settings.level);
         self.low.aim(settings.low);

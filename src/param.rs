@@ -128,9 +128,79 @@ const fn weight(k: usize) -> Param {
     }
 }
 
+/// Indices in order of the paths.
+static BY_PATH: [u8; COUNT] = by_path();
+
+const fn by_path() -> [u8; COUNT] {
+    let table = table();
+    let mut order = [0; COUNT];
+    let mut i = 0;
+    while i < COUNT {
+        // Insertion: what comes before `i` is in order.
+        let mut j = i;
+        while j > 0 && is_before(table[i].path, table[order[j - 1] as usize].path) {
+            order[j] = order[j - 1];
+            j -= 1;
+        }
+        order[j] = i as u8;
+        i += 1;
+    }
+    order
+}
+
+const fn is_before(a: &str, b: &str) -> bool {
+    let (a, b) = (a.as_bytes(), b.as_bytes());
+    let mut i = 0;
+    while i < a.len() && i < b.len() {
+        if a[i] != b[i] {
+            return a[i] < b[i];
+        }
+        i += 1;
+    }
+    a.len() < b.len()
+}
+
+/// Changes where the table does: a program that knows one number knows every id, unit and range.
+pub const SCHEMA: u32 = schema();
+
+const fn schema() -> u32 {
+    let table = table();
+    let mut hash = 0x811c_9dc5;
+    let mut i = 0;
+    while i < COUNT {
+        let param = &table[i];
+        hash = fnv(hash, &param.id.to_le_bytes());
+        hash = fnv(hash, param.path.as_bytes());
+        hash = fnv(hash, param.unit.as_bytes());
+        hash = fnv(hash, &param.min.to_le_bytes());
+        hash = fnv(hash, &param.max.to_le_bytes());
+        hash = fnv(hash, &param.default.to_le_bytes());
+        if let Kind::Choice(names) = param.kind {
+            let mut n = 0;
+            while n < names.len() {
+                hash = fnv(hash, names[n].as_bytes());
+                n += 1;
+            }
+        }
+        i += 1;
+    }
+    hash
+}
+
+/// FNV-1a.
+const fn fnv(mut hash: u32, bytes: &[u8]) -> u32 {
+    let mut i = 0;
+    while i < bytes.len() {
+        hash = (hash ^ bytes[i] as u32).wrapping_mul(0x0100_0193);
+        i += 1;
+    }
+    hash
+}
+
 /// The parameter's index in [`TABLE`] by its path.
 pub fn index_of(path: &str) -> Option<usize> {
-    TABLE.iter().position(|param| param.path == path)
+    let place = BY_PATH.binary_search_by(|index| TABLE[usize::from(*index)].path.cmp(path));
+    place.ok().map(|place| usize::from(BY_PATH[place]))
 }
 
 /// The parameter's index in [`TABLE`] by its id.

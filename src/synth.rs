@@ -1,7 +1,7 @@
 //! The instrument: [`Synth`] is the audio path, [`Instrument`] is the audio path with its control path.
 
 use crate::control::Control;
-use crate::frame::{BLOCK, BLOCKS_PER_TICK, Block, Frame};
+use crate::frame::{BLOCK, BLOCKS_PER_TICK, Block, Frame, TICK};
 use crate::mix::{Mix, Output};
 use crate::observer::{Birth, Observer, Path};
 use crate::population::Population;
@@ -210,6 +210,13 @@ impl<P: Profile> Instrument<P> {
         let update = self.updates[self.live].as_ref();
         self.synth.render(update, &mut self.block, observer);
         self.given = 0;
+    }
+
+    /// The frame from which on what is set now is heard.
+    pub fn date(&self) -> u64 {
+        let blocks = (BLOCKS_PER_TICK - self.blocks) % BLOCKS_PER_TICK;
+        let next_tick = self.synth.frame() + (blocks * BLOCK) as u64;
+        next_tick + TICK as u64
     }
 
     /// The audio path.

@@ -605,7 +605,7 @@ fn on_a_ramp_the_rate_is_what_the_control_says() {
         let mut last = 1000.0;
         for part in [40_000.0, 0.0, 200.0, 700_000.0, 5.0] {
             set(&mut *player, "water.rate", part, Some(0.5));
-            for _ in 0..100 {
+            for _ in 0..400 {
                 // What the control reached in a tick sounds in the next.
                 expected += last * TICK as f64 / f64::from(HZ);
                 tally(&mut *player, TICK, |_, n| births += n as f64);

@@ -2,7 +2,7 @@
 //!
 //! How a click is told from a birth. A bubble begins at rest and within one sample: its slope jumps, and that is a
 //! broadband sound. But its waveform is known. So every birth that the core reports is rendered in f64 and subtracted,
-//! together with the level's line over each tick. What remains is what the core did beside births: rounding, stolen
+//! together with the level's line. What remains is what the core did beside births: rounding, stolen
 //! voices that fade, old resonators that ring out faster. All bubbles here are of 4 mm and more, below 830 Hz, and rise
 //! to 3.3 kHz at most; so the remainder has no business above 6 kHz. The figure is the loudest sample of the remainder's
 //! band above 6 kHz, in dB of the loudest sample of the sound. A jump by -60 dB of that loudest sample shows as -67 dB
@@ -19,7 +19,7 @@ use std::f64::consts::PI;
 use common::{db, pascal, scene, with};
 use freshet::bubble::Bubble;
 use freshet::control::Control;
-use freshet::mix::Output;
+use freshet::mix::{GLIDE, Output};
 use freshet::param::{self, TABLE};
 use freshet::random::{Random, Stream};
 use freshet::scene::Scene;
@@ -134,17 +134,26 @@ impl Take {
         let mut births = Births::new(rate);
         let mut frames = vec![Frame::ZERO; ticks * TICK];
         let mut gains = Vec::with_capacity(frames.len());
-        // What a tick computes acts in the next one; there the level moves along a line.
+        // What a tick computes acts in the next one; from there the level moves along a line.
         let level = |control: &Control| 10f64.powf(f64::from(control.get(param::LEVEL)) / 20.0);
-        let mut from = level(player.control());
+        let mut gain = level(player.control());
+        let (mut target, mut step, mut left) = (gain, 0.0, 0);
         for (tick, stretch) in frames.chunks_mut(TICK).enumerate() {
             let to = level(player.control());
             for (_, act) in moves.iter().filter(|(at, _)| *at == tick) {
                 act(player.control());
             }
             player.render_observed(stretch, &mut births);
-            gains.extend((1..=TICK).map(|n| from + (to - from) * n as f64 / TICK as f64));
-            from = to;
+            if to != target {
+                (target, step, left) = (to, (to - gain) / GLIDE as f64, GLIDE);
+            }
+            gains.extend((0..TICK).map(|_| {
+                if left > 0 {
+                    left -= 1;
+                    gain = if left == 0 { target } else { gain + step };
+                }
+                gain
+            }));
         }
         let mut wanted = rendered(&births.sounds, rate, frames.len());
         for (frame, gain) in wanted.iter_mut().zip(gains) {
@@ -461,7 +470,7 @@ fn ringing(output: Output, before: Option<(usize, f32)>, change: impl Fn(&mut Co
         scene = with(scene, TABLE[index].path, value);
     }
     let mut player = Board::Desk.player(&scene, 48_000, 11, output);
-    let mut frames = vec![Frame::ZERO; 90 * TICK];
+    let mut frames = vec![Frame::ZERO; 360 * TICK];
     let unit = match output {
         Output::Raw => 67_108_864.0,
         Output::Bits16 => 32_768.0,
@@ -469,20 +478,20 @@ fn ringing(output: Output, before: Option<(usize, f32)>, change: impl Fn(&mut Co
     };
     for (tick, stretch) in frames.chunks_mut(TICK).enumerate() {
         match tick {
-            30 => {
+            120 => {
                 for index in [param::RATE, param::DROPS_RATE] {
                     let set = player.control().set(index, 0.0, Some(0.0));
                     set.expect("in the range");
                 }
             }
-            50 => change(player.control()),
+            200 => change(player.control()),
             _ => {}
         }
         player.render(stretch);
     }
     assert_eq!(player.stats().limited, 0, "the limiter must not act");
     // A drop's last bubble comes up to 0.3 s after it.
-    frames[45 * TICK..]
+    frames[180 * TICK..]
         .iter()
         .map(|frame| [frame.left, frame.right].map(|x| f64::from(x) / unit))
         .collect()
@@ -490,8 +499,8 @@ fn ringing(output: Output, before: Option<(usize, f32)>, change: impl Fn(&mut Co
 
 #[test]
 fn tone_and_level_while_bubbles_ring() {
-    // A gain that moves along a line over one tick has two corners. For a signal of size 1 and a change by 1 the slope
-    // jumps by 1/512, of which 0.3 is above 6 kHz: -65 dB. A jump by -45 dB shows as -52 dB.
+    // A gain that moves along a line over 1 024 frames has two corners. For a signal of size 1 and a change by 1 the slope
+    // jumps by 1/1024, of which 0.3 is above 6 kHz: -71 dB; of a bubble that swings half as fast again. A jump by -45 dB shows as -52 dB.
     const LINE_DB: f64 = -64.0;
     let band = HighBand::new(48_000);
     let mut worst = f64::NEG_INFINITY;

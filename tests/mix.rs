@@ -7,10 +7,10 @@ use std::f64::consts::PI;
 use common::{db, rms};
 use freshet::fixed::FULL_SCALE;
 use freshet::limiter::{LOOK_AHEAD, Limiter};
-use freshet::mix::{CEILING, Mix, Output, Settings};
+use freshet::mix::{CEILING, GLIDE, Mix, Output, Settings};
 use freshet::random::{Random, Stream};
 use freshet::stats::Stats;
-use freshet::{BLOCK, Frame, TICK};
+use freshet::{BLOCK, Frame};
 use realfft::RealFftPlanner;
 
 const RATE: f64 = 48_000.0;
@@ -345,13 +345,13 @@ fn no_tone_is_transparent_to_the_bit() {
         })
     };
     let (one, other) = (run(12.0), run(0.0));
-    let settled = 100 * BLOCK + TICK + LOOK_AHEAD;
+    let settled = 100 * BLOCK + GLIDE + LOOK_AHEAD;
     assert!(one[..settled] != other[..settled]);
     assert!(one[settled..] == other[settled..]);
 }
 
 #[test]
-fn a_level_moves_along_a_line_over_one_tick() {
+fn a_level_moves_along_a_line_over_1024_frames() {
     let settings = |level| Settings::new(level, 0.0, true);
     let steady = 1 << 24;
     let want = |level: f64| (f64::from(steady) * 10f64.powf(level / 20.0)).round();
@@ -365,21 +365,21 @@ fn a_level_moves_along_a_line_over_one_tick() {
                 left: steady,
                 right: -steady
             };
-            TICK
+            GLIDE
         ];
         let out = through(&signal, |block| mix.render(block, &mut Stats::default()));
         let change = want(level) - last;
         for (n, frame) in out.iter().enumerate() {
-            let line = last + change * (n + 1) as f64 / TICK as f64;
+            let line = last + change * (n + 1) as f64 / GLIDE as f64;
             let off = f64::from(frame.left) - line;
             worst = worst.max(off.abs());
             // The right ear is rounded the same way: up, not away from zero.
             assert!((frame.left + frame.right).abs() <= 1);
         }
-        assert!((f64::from(out[TICK - 1].left) - want(level)).abs() <= 1.0);
-        last = f64::from(out[TICK - 1].left);
+        assert!((f64::from(out[GLIDE - 1].left) - want(level)).abs() <= 1.0);
+        last = f64::from(out[GLIDE - 1].left);
     }
-    // Gains are whole 2^-24ths, and a step is at most 2^-16 of one off in 512.
+    // Gains are whole 2^-24ths, and a step is at most 2^-16 of one off in 1024.
     println!("furthest from the line {worst:.2} bus units, the signal is {steady}");
     assert!(worst <= 2.5);
 }

@@ -54,6 +54,12 @@ pub trait Player: Send {
     fn strike(&mut self, strike: &Strike, observer: &mut dyn Observer);
     /// The control path.
     fn control(&mut self) -> &mut Control;
+    /// The same, to look at.
+    fn parameters(&self) -> &Control;
+    /// The frame from which on what is set now is heard.
+    fn date(&self) -> u64;
+    /// Frames rendered by the audio path.
+    fn frame(&self) -> u64;
     /// Counters since the start.
     fn stats(&self) -> Stats;
     /// Voices sounding now.
@@ -76,6 +82,15 @@ impl<P: Profile> Player for Instrument<P> {
     }
     fn control(&mut self) -> &mut Control {
         &mut self.control
+    }
+    fn parameters(&self) -> &Control {
+        &self.control
+    }
+    fn date(&self) -> u64 {
+        self.date()
+    }
+    fn frame(&self) -> u64 {
+        self.synth().frame()
     }
     fn stats(&self) -> Stats {
         *self.synth().stats()

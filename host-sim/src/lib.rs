@@ -30,4 +30,6 @@ pub mod source;
 #[cfg(feature = "command")]
 pub mod spectrogram;
 #[cfg(feature = "command")]
+pub mod twin;
+#[cfg(feature = "command")]
 pub mod wav;

@@ -10,7 +10,7 @@ use crate::resonator::{Form, Tuning};
 use crate::voices::Pitch;
 
 /// Classes tuned in a tick.
-pub const SLICE: usize = 4;
+pub const SLICE: usize = 1;
 /// Time from one change of radii to the work on the next, s: what an old bank has to ring out.
 const RING_OUT: f64 = 0.213;
 

@@ -1,0 +1,221 @@
+//! A board's twin on the desk: the same instrument behind the same protocol.
+
+use std::collections::BTreeMap;
+
+use freshet::control::Control;
+use freshet::mix::Output;
+use freshet::param;
+use freshet::protocol::{
+    Boot, BootRecord, Choice, Device, Hello, Job, Preset, Refusal, Shell, Slot, Status,
+};
+use freshet::scene::Scene;
+use freshet::{Frame, TICK};
+
+use crate::board::{Board, Player};
+
+/// Bytes of answers that may wait.
+const OUT: usize = 1 << 16;
+
+/// What survives a restart.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Kept {
+    /// Settings by their slots; 0 are those stored last.
+    pub presets: BTreeMap<Slot, Preset>,
+    /// What is played at the start.
+    pub boot: BootRecord,
+}
+
+/// The instrument and all that belongs to it.
+pub struct TwinDevice {
+    board: Board,
+    rate: u32,
+    seed: u64,
+    scenes: Vec<(String, Scene)>,
+    kept: Kept,
+    player: Box<dyn Player>,
+    playing: u16,
+    restarting: bool,
+}
+
+/// A board's twin: bytes go in and out as on its serial line, and sound comes out.
+pub struct Twin {
+    device: TwinDevice,
+    shell: Shell<OUT>,
+    /// Frames of this tick that were given out.
+    given: usize,
+    rendered: [Frame; TICK],
+}
+
+impl Twin {
+    /// The twin of `board`, as it is when the power comes on.
+    pub fn new(
+        board: Board,
+        rate: u32,
+        seed: u64,
+        scenes: Vec<(String, Scene)>,
+        kept: Kept,
+    ) -> Self {
+        let mut device = TwinDevice {
+            board,
+            rate,
+            seed,
+            player: board.player(&Scene::default(), rate, seed, Output::Bits24),
+            scenes,
+            kept,
+            playing: 0,
+            restarting: false,
+        };
+        device.start();
+        let mut shell = Shell::new();
+        shell.greet(&device);
+        Self {
+            device,
+            shell,
+            given: TICK,
+            rendered: [Frame::ZERO; TICK],
+        }
+    }
+
+    /// Takes bytes as from the line.
+    pub fn receive(&mut self, bytes: &[u8]) {
+        self.shell.receive(bytes, &mut self.device);
+    }
+
+    /// All bytes that the twin has to say.
+    pub fn take(&mut self) -> Vec<u8> {
+        let mut out = vec![0; OUT];
+        let count = self.shell.out().take(&mut out);
+        out.truncate(count);
+        out
+    }
+
+    /// Fills `out` with what is heard next.
+    pub fn render(&mut self, out: &mut [Frame]) {
+        for frame in out {
+            if self.given == TICK {
+                self.tick();
+            }
+            *frame = self.rendered[self.given];
+            self.given += 1;
+        }
+    }
+
+    /// Goes on by a tick.
+    fn tick(&mut self) {
+        if std::mem::take(&mut self.device.restarting) {
+            self.device.start();
+            self.shell.greet(&self.device);
+        }
+        self.shell.tick(&self.device);
+        self.device.player.render(&mut self.rendered);
+        self.given = 0;
+    }
+
+    /// What the twin is made of.
+    pub fn device(&mut self) -> &mut TwinDevice {
+        &mut self.device
+    }
+
+    /// What it would keep over a restart.
+    pub fn kept(&self) -> &Kept {
+        &self.device.kept
+    }
+}
+
+impl TwinDevice {
+    /// Begins to play what it is to play when the power comes on.
+    fn start(&mut self) {
+        let (scene, number) = match self.kept.boot.boot() {
+            Boot::Default => (None, 0),
+            Boot::Scene(name) => (None, self.number_of(Choice::Name(name)).unwrap_or(0)),
+            Boot::Preset(slot) => match self.kept(slot) {
+                Ok(preset) => {
+                    let (scene, number) = self.recalled(&preset);
+                    (Some(scene), number)
+                }
+                Err(_) => (None, 0),
+            },
+        };
+        self.playing = number;
+        let scene = scene
+            .or_else(|| Some(self.scene(number)?.1))
+            .unwrap_or_default();
+        self.player = (self.board).player(&scene, self.rate, self.seed, Output::Bits24);
+    }
+
+    /// The sound's source.
+    pub fn player(&mut self) -> &mut dyn Player {
+        &mut *self.player
+    }
+}
+
+impl Device for TwinDevice {
+    fn control(&self) -> &Control {
+        self.player.parameters()
+    }
+    fn control_mut(&mut self) -> &mut Control {
+        self.player.control()
+    }
+    fn date(&self) -> u64 {
+        self.player.date()
+    }
+    fn hello(&self) -> Hello<'_> {
+        Hello {
+            version: env!("CARGO_PKG_VERSION"),
+            board: self.board.name(),
+            rate: self.rate as f32,
+            seed: self.seed,
+            schema: param::SCHEMA,
+            scene: "",
+            at: 0,
+        }
+    }
+    fn status(&self) -> Status<'_> {
+        let stats = self.player.stats();
+        let frame = self.player.frame();
+        Status {
+            frame,
+            uptime: (frame / u64::from(self.rate)) as u32,
+            births: stats.births,
+            voices: self.player.voices() as u16,
+            stolen: stats.stolen as u32,
+            unvoiced: (stats.unvoiced + stats.dropped) as u32,
+            limited: stats.limited as u32,
+            clipped: stats.clipped as u32,
+            cause: "power-on",
+            ..Status::default()
+        }
+    }
+    fn scene(&self, number: u16) -> Option<(&str, Scene)> {
+        let (name, scene) = self.scenes.get(usize::from(number))?;
+        Some((name, scene.clone()))
+    }
+    fn playing(&self) -> u16 {
+        self.playing
+    }
+    fn set_playing(&mut self, number: u16) {
+        self.playing = number;
+    }
+    fn stored(&self) -> Option<&Preset> {
+        self.kept.presets.get(&0)
+    }
+    fn preset(&self, slot: Slot) -> Option<Preset> {
+        self.kept.presets.get(&slot).cloned()
+    }
+    fn boot(&self) -> BootRecord {
+        self.kept.boot.clone()
+    }
+    fn begin(&mut self, job: Job<'_>) -> Result<Option<u32>, Refusal<'static>> {
+        match job {
+            Job::Store(slot, preset) => {
+                self.kept.presets.insert(slot, preset.clone());
+            }
+            Job::Erase(slot) => {
+                self.kept.presets.remove(&slot);
+            }
+            Job::Boot(boot) => self.kept.boot = boot.clone(),
+            Job::Restart => self.restarting = true,
+        }
+        Ok(None)
+    }
+}
