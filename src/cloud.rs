@@ -1,0 +1,439 @@
+//! A cloud: bubbles that hear each other (physics.md §3, CB §3–4).
+//!
+//! Coupling shifts pips down to the low roar of water. Bubbles are kept in clusters of eight. Inside a cluster the
+//! coupling is exact: its mass matrix is diagonalised, and each mode is a damped spring whose pitch and decay are exact at
+//! any rate. Between clusters sums are coupled, `M ≈ B + S·G·Sᵀ`, which costs a product of k × k (Woodbury). All of it
+//! steps at half the sample rate.
+//!
+//! A mode's step is `(1 + γGγᵀ)·a = −(c·v + k·y)`, `v += a`, `y += v`: central differences, whose energy never grows where
+//! `1 − c/2 − k/4 + γGγᵀ` is positive definite. The control path makes sure that it is, so nothing can run away.
+//!
+//! Scales: y is Q51 of a unit mode's `m^(3/2)`, v an eighth of that in 64 bits; a cluster's sum is 2^11 of v; the core
+//! gives Q20 of a pascal. Where v is in 32 bits, so many are rounded to; see `kernel::cloud`.
+
+mod birth;
+mod coupling;
+mod double;
+mod keeper;
+mod matrix;
+mod slice;
+mod slots;
+
+pub use birth::{Body, Push, Settings};
+pub use keeper::{Keep, Keeper, force};
+pub use slice::{CHANGED, Changed, Commit, FORCES, Force, Message, Retired, Slice};
+
+use core::f32::consts::FRAC_1_SQRT_2;
+
+use coupling::loudness;
+use double::{Double, STEPS};
+use matrix::fixed;
+use slice::{NOBODY, RINGING_OUT};
+
+use crate::fixed::mul_high;
+use crate::frame::{BLOCKS_PER_TICK, Block};
+use crate::kernel::cloud::{Cluster, GROUP, MEMBERS, Mode, Row, Run, run, sum};
+
+/// Steps of a mode in a tick.
+pub const STEPS_PER_TICK: usize = STEPS * BLOCKS_PER_TICK;
+/// Forces at once; others are not felt, and counted.
+const PUSHING: usize = 16;
+/// Energy that may ring, in squares of v: gathered in a mode of 100 Hz it is 0.7 of y's range, at 96 kHz too.
+pub const ENERGY_MAX: f32 = 1.0e13;
+/// Of a jump, so much is left after a step: 2^-5 is lost.
+const SMOOTHING: u32 = 5;
+/// Where all of v is below this, and no mode is pulled at all, there is silence.
+const STILL: i64 = 8 << 32;
+
+/// Where a cloud lives: `C` clusters, one of them for bubbles that ring out; `D` is two more, and `R` the rows of the core.
+#[derive(Clone, Debug)]
+pub struct Store<const C: usize, const D: usize, const R: usize> {
+    clusters: [Cluster; C],
+    core: [Row; R],
+    next: [Row; R],
+    sums: [i32; C],
+    drive: [i32; D],
+}
+
+impl<const C: usize, const D: usize, const R: usize> Store<C, D, R> {
+    /// All at rest.
+    pub fn new() -> Self {
+        const { assert!(C % GROUP == 1 && D == C + 2 && R == (C + 1) * (C / GROUP)) };
+        Self {
+            clusters: [Cluster::default(); C],
+            core: [[0; GROUP]; R],
+            next: [[0; GROUP]; R],
+            sums: [0; C],
+            drive: [0; D],
+        }
+    }
+}
+
+impl<const C: usize, const D: usize, const R: usize> Default for Store<C, D, R> {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+/// What a store holds, whatever its size.
+#[derive(Debug)]
+pub struct Parts<'a> {
+    clusters: &'a mut [Cluster],
+    core: &'a mut [Row],
+    next: &'a mut [Row],
+    sums: &'a mut [i32],
+    drive: &'a mut [i32],
+}
+
+/// A place for a cloud.
+pub trait Hold {
+    /// What it holds.
+    fn parts(&mut self) -> Parts<'_>;
+}
+
+impl<const C: usize, const D: usize, const R: usize> Hold for Store<C, D, R> {
+    fn parts(&mut self) -> Parts<'_> {
+        Parts {
+            clusters: &mut self.clusters,
+            core: &mut self.core,
+            next: &mut self.next,
+            sums: &mut self.sums,
+            drive: &mut self.drive,
+        }
+    }
+}
+
+/// A force on its way.
+#[derive(Clone, Copy, Debug)]
+struct Pushing {
+    force: Force,
+    /// Steps until it begins.
+    wait: u32,
+    /// This step's push and what it gains until the next one.
+    push: i32,
+    growth: i32,
+}
+
+/// The cloud's state. `S` is a [`Store`].
+#[derive(Clone, Debug)]
+pub struct Cloud<S> {
+    store: S,
+    /// Groups of clusters in use.
+    groups: usize,
+    /// Clusters that a commit will put in place.
+    staged: [Cluster; CHANGED],
+    pushing: heapless::Vec<Pushing, PUSHING>,
+    /// What is left of jumps at commits.
+    jump: [i32; 2],
+    /// Whether something may move.
+    moves: bool,
+    /// Loudness of bubbles that ring out, as in the core, see [`Cloud::new`].
+    ring_out: i32,
+    double: Double,
+    /// Forces that were not felt: too many, or too much energy.
+    refused: u32,
+}
+
+impl<S: Hold> Cloud<S> {
+    /// A silent cloud at a sample rate of `sample_rate` Hz.
+    pub fn new(store: S, sample_rate: f64) -> Self {
+        Self {
+            store,
+            groups: 0,
+            staged: [Cluster::default(); CHANGED],
+            pushing: heapless::Vec::new(),
+            jump: [0; 2],
+            moves: false,
+            ring_out: fixed(FRAC_1_SQRT_2 * loudness(sample_rate), 32),
+            double: Double::new(),
+            refused: 0,
+        }
+    }
+
+    /// Takes a tick's message, before its first block.
+    pub fn apply(&mut self, message: &Message) {
+        match &message.slice {
+            Some(Slice::Cluster(place, cluster)) => {
+                if let Some(staged) = self.staged.get_mut(*place) {
+                    *staged = *cluster;
+                }
+            }
+            Some(Slice::Core(first, rows)) => {
+                let next = self.store.parts().next.iter_mut().skip(*first);
+                next.zip(rows).for_each(|(next, row)| *next = *row);
+            }
+            None => {}
+        }
+        if let Some(commit) = &message.commit {
+            self.commit(commit);
+        }
+        for force in &message.forces {
+            self.push(force);
+        }
+    }
+
+    /// Whether nothing moves, and no sample of it is still to come.
+    pub fn is_silent(&self) -> bool {
+        !self.moves && self.pushing.is_empty() && self.jump == [0; 2] && self.double.is_silent()
+    }
+
+    /// Forces that were not felt.
+    pub fn refused(&self) -> u32 {
+        self.refused
+    }
+
+    /// Adds one block.
+    pub fn render(&mut self, out: &mut Block) {
+        if self.is_silent() {
+            return;
+        }
+        let mut samples = [[0; 2]; STEPS];
+        let mut rest = &mut samples[..];
+        while !rest.is_empty() {
+            let waits = self.pushing.iter().map(|pushing| pushing.wait as usize);
+            let quiet = waits.min().unwrap_or(rest.len()).min(rest.len());
+            if quiet == 0 {
+                self.push_on();
+            } else {
+                self.pushing.iter_mut().for_each(|pushing| pushing.wait -= quiet as u32);
+            }
+            let (now, later) = rest.split_at_mut(quiet.max(1));
+            if self.moves {
+                self.run(now);
+            }
+            rest = later;
+        }
+        if self.jump != [0; 2] {
+            for sample in &mut samples {
+                for (sample, jump) in sample.iter_mut().zip(&mut self.jump) {
+                    *sample = sample.saturating_add(*jump);
+                    // Towards zero, so that it ends.
+                    *jump -= (*jump >> SMOOTHING) + i32::from(*jump > 0);
+                }
+            }
+        }
+        self.double.render(&samples, out);
+        self.settle();
+    }
+
+    fn run(&mut self, out: &mut [[i32; 2]]) {
+        let Parts {
+            clusters,
+            core,
+            sums,
+            drive,
+            ..
+        } = self.store.parts();
+        let mut all = Run {
+            clusters,
+            core,
+            sums,
+            drive,
+            ring_out: self.ring_out,
+            groups: self.groups,
+        };
+        run(&mut all, out);
+    }
+
+    /// What the ears would hear now.
+    fn ears(&mut self) -> [i32; 2] {
+        let groups = self.groups;
+        let parts = self.store.parts();
+        if groups == 0 {
+            return [0; 2];
+        }
+        let rows = groups * GROUP + 2;
+        let rest = mul_high(parts.sums[rows - 2], self.ring_out);
+        [0, 1].map(|ear| {
+            (0..groups).fold(rest, |total, group| {
+                let row = &parts.core[group * rows + ear];
+                (row.iter().zip(&parts.sums[group * GROUP..]))
+                    .fold(total, |total, (word, sum)| total.wrapping_add(mul_high(*sum, *word)))
+            })
+        })
+    }
+
+    /// Other clusters from here on: what rings goes on ringing, and no ear hears a step.
+    fn commit(&mut self, commit: &Commit) {
+        let before = self.ears();
+        let staged = self.staged;
+        let old = self.groups * GROUP;
+        let parts = self.store.parts();
+        // Where each bubble that may move is, in the bubbles' own terms.
+        let mut bubbles = [[Swing::default(); MEMBERS]; CHANGED];
+        for (bubbles, changed) in bubbles.iter_mut().zip(&commit.changed) {
+            *bubbles = swings(&parts.clusters[usize::from(changed.cluster)]);
+        }
+        let find = |from: u8| match from {
+            NOBODY => Swing::default(),
+            _ => bubbles[usize::from(from) / MEMBERS][usize::from(from) % MEMBERS],
+        };
+        let new = commit.groups * GROUP;
+        if new != old {
+            let ringing_out = parts.clusters[old];
+            let (low, high) = (new.min(old), new.max(old));
+            parts.clusters[low..=high].fill(Cluster::default());
+            parts.clusters[new] = if old == 0 { Cluster::default() } else { ringing_out };
+            self.groups = commit.groups;
+        }
+        for retired in &commit.retired {
+            let place = usize::from(retired.to) % RINGING_OUT;
+            let mode = &mut parts.clusters[new].modes[place];
+            *mode = retired.mode;
+            find(retired.from).set(mode, retired.inverse);
+        }
+        for (changed, mut cluster) in commit.changed.iter().zip(staged) {
+            let members = changed.from.map(find);
+            for (m, mode) in cluster.modes.iter_mut().enumerate() {
+                let turn = &cluster.shape.turn;
+                let along = |part: fn(&Swing) -> i64| {
+                    let sum = (members.iter().zip(turn))
+                        .fold(0i64, |sum, (member, row)| sum + i64::from(row[m]) * part(member));
+                    sum >> 31
+                };
+                let swing = Swing {
+                    place: along(|swing| swing.place),
+                    speed: along(|swing| swing.speed),
+                };
+                swing.set(mode, cluster.shape.inverse[m]);
+            }
+            parts.clusters[usize::from(changed.cluster)] = cluster;
+        }
+        let rows = (new + 2) * commit.groups;
+        parts.core[..rows].copy_from_slice(&parts.next[..rows]);
+        for (sum_of, cluster) in parts.sums.iter_mut().zip(&*parts.clusters).take(new + 1) {
+            *sum_of = sum(&cluster.modes);
+        }
+        let after = self.ears();
+        for ((jump, before), after) in self.jump.iter_mut().zip(before).zip(after) {
+            *jump = jump.saturating_add(before.saturating_sub(after));
+        }
+    }
+
+    /// Begins a force, if there is energy to spare for it.
+    fn push(&mut self, force: &Force) {
+        let fits = usize::from(force.cluster) < self.groups * GROUP
+            && self.energy() + force.energy < ENERGY_MAX;
+        let pushing = Pushing {
+            force: *force,
+            wait: u32::from(force.start),
+            push: force.push,
+            growth: force.push.saturating_mul(3),
+        };
+        if !fits || force.steps == 0 || self.pushing.push(pushing).is_err() {
+            self.refused = self.refused.wrapping_add(1);
+        }
+    }
+
+    /// Energy of all modes as if they were alone, and of what still pushes, in squares of v.
+    fn energy(&mut self) -> f32 {
+        let clusters = self.groups * GROUP;
+        let pushing: f32 = self.pushing.iter().map(|pushing| pushing.force.energy).sum();
+        let modes = self.store.parts().clusters.iter().take(clusters);
+        let ringing: i64 = (modes.flat_map(|cluster| &cluster.modes))
+            .map(|mode| {
+                let spring = i64::from(mul_high(mode.spring, mode.place)) * i64::from(mode.place);
+                let speed = mode.wide_speed() >> 32;
+                speed * speed - (spring >> 3)
+            })
+            .fold(0, i64::saturating_add);
+        ringing as f32 + pushing
+    }
+
+    /// One step of all that pushes.
+    fn push_on(&mut self) {
+        let parts = self.store.parts();
+        let mut moves = false;
+        self.pushing.retain_mut(|pushing| {
+            if pushing.wait > 0 {
+                pushing.wait -= 1;
+                return true;
+            }
+            let Force { cluster, member, .. } = pushing.force;
+            let place = usize::from(cluster);
+            let cluster = &mut parts.clusters[place];
+            let turn = &cluster.shape.turn[usize::from(member) % MEMBERS];
+            let mut total = 0i64;
+            for ((mode, turn), gauge) in
+                cluster.modes.iter_mut().zip(turn).zip(&cluster.shape.gauge)
+            {
+                // Q7, and then 32 bits below v's.
+                let share = (i64::from(*gauge) * i64::from(pushing.push)) >> 24;
+                let kick = (i64::from(share as i32) * i64::from(*turn)) >> 6;
+                mode.set_speed(mode.wide_speed().wrapping_add(kick));
+                total += i64::from(mode.share) * (kick >> 16);
+            }
+            // Q48 of v to the sum's.
+            parts.sums[place] = parts.sums[place].wrapping_add((total >> (48 - SUM)) as i32);
+            pushing.push = pushing.push.saturating_add(pushing.growth);
+            pushing.growth = pushing.growth.saturating_add(pushing.force.push.saturating_mul(2));
+            pushing.force.steps -= 1;
+            moves = true;
+            pushing.force.steps > 0
+        });
+        self.moves |= moves;
+    }
+
+    /// Comes to rest where nothing is to be heard any more.
+    fn settle(&mut self) {
+        if !self.moves || !self.pushing.is_empty() {
+            return;
+        }
+        let clusters = self.groups * GROUP + 1;
+        let parts = self.store.parts();
+        let modes = || parts.clusters.iter().take(clusters).flat_map(|cluster| &cluster.modes);
+        let still = |mode: &Mode| {
+            let speed = mode.wide_speed();
+            (-STILL..STILL).contains(&speed) && mode.pull() == 0
+        };
+        if !modes().all(still) {
+            return;
+        }
+        for cluster in parts.clusters.iter_mut().take(clusters) {
+            for mode in &mut cluster.modes {
+                (mode.place, mode.speed) = (0, [0; 2]);
+            }
+        }
+        parts.sums.fill(0);
+        parts.drive.fill(0);
+        self.moves = false;
+    }
+}
+
+const SUM: u32 = crate::kernel::cloud::SUM_BITS;
+
+/// A bubble's own place and speed, in 16ths.
+#[derive(Clone, Copy, Debug, Default)]
+struct Swing {
+    place: i64,
+    speed: i64,
+}
+
+/// How the bubbles of a cluster swing.
+fn swings(cluster: &Cluster) -> [Swing; MEMBERS] {
+    let mut modes = [Swing::default(); MEMBERS];
+    for ((swing, mode), gauge) in modes.iter_mut().zip(&cluster.modes).zip(cluster.shape.gauge) {
+        let gauge = i64::from(gauge);
+        swing.place = (gauge * (i64::from(mode.place) << 4)) >> 31;
+        swing.speed = ((mode.wide_speed() >> 28) * gauge) >> 31;
+    }
+    cluster.shape.turn.map(|row| {
+        let mut swing = Swing::default();
+        for (mode, turn) in modes.iter().zip(row) {
+            swing.place += i64::from(turn) * mode.place;
+            swing.speed += i64::from(turn) * mode.speed;
+        }
+        swing.place >>= 31;
+        swing.speed >>= 31;
+        swing
+    })
+}
+
+impl Swing {
+    /// Lets `mode` swing so, whose own inverse gauge is given.
+    fn set(&self, mode: &mut Mode, inverse: i32) {
+        let inverse = i64::from(inverse);
+        mode.place = ((self.place * inverse) >> (23 + 4)) as i32;
+        mode.set_speed(((self.speed * inverse) >> 23) << 28);
+    }
+}

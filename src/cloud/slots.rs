@@ -1,0 +1,184 @@
+//! Who is in which cluster, and what is between clusters. Control path.
+//!
+//! Bubbles that hear each other most belong together: a newborn takes the best free place, and then one bubble may change
+//! places with another. What is between two clusters is a sum of whole numbers, so that it stays exact as bubbles come and
+//! go for ever.
+
+use super::birth::Body;
+use super::matrix::{Members, nearness};
+use crate::kernel::cloud::MEMBERS;
+
+/// Bits of the sums between clusters, m.
+const NEAR_BITS: u32 = 30;
+
+/// A place: cluster, and which of its members.
+pub type Place = (usize, usize);
+
+/// Who is where.
+#[derive(Clone, Debug)]
+pub struct Slots<const K: usize> {
+    /// The members of each cluster.
+    pub clusters: [Members; K],
+    /// `Σ r_i·r_j·nearness` over the members of two clusters.
+    near: [[i32; K]; K],
+}
+
+/// What a bubble is to each cluster: to its sums, and how much it belongs there (sum of M_ij²).
+struct Look<const K: usize> {
+    near: [i32; K],
+    belongs: [f32; K],
+}
+
+/// What two bubbles add to the sums.
+fn pair(a: &Body, b: &Body) -> (i32, f32) {
+    let near = nearness(a, b);
+    let radii = a.radius * b.radius;
+    ((radii * near * (1u64 << NEAR_BITS) as f32) as i32, radii * near * near)
+}
+
+impl<const K: usize> Slots<K> {
+    /// Nobody.
+    pub const NONE: Self = Self {
+        clusters: [[None; MEMBERS]; K],
+        near: [[0; K]; K],
+    };
+
+    /// All that are there.
+    pub fn bodies(&self) -> impl Iterator<Item = (Place, &Body)> {
+        let clusters = self.clusters.iter().enumerate();
+        clusters.flat_map(|(cluster, members)| {
+            let members = members.iter().enumerate();
+            members.filter_map(move |(i, body)| Some(((cluster, i), body.as_ref()?)))
+        })
+    }
+
+    /// How many are there.
+    pub fn count(&self) -> usize {
+        self.bodies().count()
+    }
+
+    /// The one at `place`.
+    pub fn get(&self, (cluster, member): Place) -> Option<&Body> {
+        self.clusters.get(cluster)?.get(member)?.as_ref()
+    }
+
+    /// Who came first; of those that are not in the first `clusters`, if there are any.
+    pub fn oldest(&self, clusters: usize, now: u32) -> Option<Place> {
+        let age = |(place, body): &(Place, &Body)| (place.0 >= clusters, now.wrapping_sub(body.born));
+        self.bodies().max_by_key(age).map(|(place, _)| place)
+    }
+
+    /// What is between two clusters, 1/m, over the product of their members' radii.
+    pub fn between(&self, p: usize, q: usize) -> f32 {
+        self.near[p][q] as f32 / (1u64 << NEAR_BITS) as f32
+    }
+
+    /// Whether `body` would stand inside another.
+    pub fn overlaps(&self, body: &Body) -> bool {
+        self.bodies().any(|(_, other)| {
+            let apart: f32 = (0..3).map(|i| body.place[i] - other.place[i]).map(|x| x * x).sum();
+            let touch = body.radius + other.radius;
+            apart < touch * touch
+        })
+    }
+
+    fn look(&self, body: &Body) -> Look<K> {
+        let mut look = Look {
+            near: [0; K],
+            belongs: [0.0; K],
+        };
+        for ((cluster, _), other) in self.bodies() {
+            let (near, belongs) = pair(body, other);
+            look.near[cluster] += near;
+            look.belongs[cluster] += belongs;
+        }
+        look
+    }
+
+    fn count_in(&mut self, cluster: usize, look: &Look<K>, sign: i32) {
+        for (other, near) in look.near.iter().enumerate() {
+            self.near[cluster][other] += sign * near;
+            if other != cluster {
+                self.near[other][cluster] += sign * near;
+            }
+        }
+    }
+
+    /// Takes out whoever is at `place`.
+    pub fn take(&mut self, place: Place) -> Option<Body> {
+        let body = self.clusters[place.0][place.1].take()?;
+        let look = self.look(&body);
+        self.count_in(place.0, &look, -1);
+        Some(body)
+    }
+
+    /// Puts `body` into the free `place`.
+    pub fn put(&mut self, place: Place, body: Body) {
+        let look = self.look(&body);
+        self.put_looked(place, body, &look);
+    }
+
+    fn put_looked(&mut self, place: Place, body: Body, look: &Look<K>) {
+        self.count_in(place.0, look, 1);
+        self.clusters[place.0][place.1] = Some(body);
+    }
+
+    /// Puts `body` where it belongs most, of the first `clusters` those with room. None if all are full.
+    pub fn settle(&mut self, body: Body, clusters: usize) -> Option<Place> {
+        let look = self.look(&body);
+        let free = |cluster: usize| {
+            let member = self.clusters[cluster].iter().position(Option::is_none)?;
+            Some((cluster, member))
+        };
+        let best = (0..clusters.min(K)).filter_map(free);
+        let place = best.reduce(|a, b| if look.belongs[b.0] > look.belongs[a.0] { b } else { a })?;
+        self.put_looked(place, body, &look);
+        Some(place)
+    }
+
+    /// Lets the bubble at `place` change places with one of the cluster that it belongs to, where both together belong
+    /// there more. Returns that cluster.
+    pub fn improve(&mut self, place: Place, clusters: usize) -> Option<usize> {
+        let body = *self.get(place)?;
+        self.clusters[place.0][place.1] = None;
+        let look = self.look(&body);
+        self.clusters[place.0][place.1] = Some(body);
+        let home = place.0;
+        let better = |a: usize, b: usize| if look.belongs[b] > look.belongs[a] { b } else { a };
+        let to = (0..clusters.min(K)).reduce(better)?;
+        if to == home {
+            return None;
+        }
+        let own = look.belongs[to] - look.belongs[home];
+        let mut best: Option<(f32, usize)> = None;
+        for (i, other) in self.clusters[to].iter().enumerate() {
+            let gain = own + other.as_ref().map_or(0.0, |other| self.gain(other, (to, i), place, &body));
+            if gain > best.map_or(0.0, |(gain, _)| gain) {
+                best = Some((gain, i));
+            }
+        }
+        let there = (to, best?.1);
+        // Both out, then both in.
+        self.take(place);
+        let other = self.take(there);
+        self.put(there, body);
+        if let Some(other) = other {
+            self.put(place, other);
+        }
+        Some(to)
+    }
+
+    /// What it gains if `other` goes from its place to that of `body`, who goes to its.
+    fn gain(&self, other: &Body, from: Place, to: Place, body: &Body) -> f32 {
+        let belongs = |cluster: usize, but: usize| {
+            let members = self.clusters[cluster].iter().enumerate();
+            members
+                .filter(|(i, _)| *i != but)
+                .filter_map(|(_, member)| member.as_ref())
+                .map(|member| pair(other, member).1)
+                .sum::<f32>()
+        };
+        // What the two are to each other is counted with `body`, whom `other` leaves behind.
+        belongs(to.0, to.1) - belongs(from.0, from.1) - pair(other, body).1
+    }
+}

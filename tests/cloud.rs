@@ -1,0 +1,175 @@
+//! The coupled cloud: fixed point against f64, pitches of physics.md §3 from the sound, events, silence, stability.
+
+#[path = "cloud/model.rs"]
+mod model;
+
+use freshet::cloud::{Body, Cloud, Keep, Keeper, Message, Push, Settings, Store, force};
+use freshet::{BLOCK, Block, Frame, TICK};
+use model::Model;
+
+const RATE: f64 = 48_000.0;
+
+type Store64 = Store<9, 11, 10>;
+type Store128 = Store<17, 19, 36>;
+
+/// A cloud with its control path, as the instrument runs it: what a tick computes is in force in the next one.
+struct Live<S, const K: usize> {
+    keeper: Keeper<K>,
+    cloud: Cloud<S>,
+    message: Message,
+}
+
+type Live64 = Live<Store64, 8>;
+
+impl<S: freshet::cloud::Hold, const K: usize> Live<S, K> {
+    fn new(store: S, seed: u64) -> Self {
+        Self {
+            keeper: Keeper::new(seed, RATE),
+            cloud: Cloud::new(store, RATE),
+            message: Message::NONE,
+        }
+    }
+
+    /// One tick in pascal, with what `look` does to its message before it is applied.
+    fn tick(
+        &mut self,
+        settings: &Settings,
+        mut look: impl FnMut(&mut Message, &Keeper<K>),
+    ) -> Vec<[f64; 2]> {
+        self.keeper.tick(settings, &mut self.message);
+        look(&mut self.message, &self.keeper);
+        self.cloud.apply(&self.message);
+        let mut out = Vec::with_capacity(TICK);
+        for _ in 0..TICK / BLOCK {
+            let mut block: Block = [Frame::ZERO; BLOCK];
+            self.cloud.render(&mut block);
+            out.extend(block.map(|frame| [frame.left, frame.right].map(|x| f64::from(x) / 67_108_864.0)));
+        }
+        out
+    }
+}
+
+/// Nothing happens to it on its own.
+fn still(bubbles: usize) -> Settings {
+    Settings {
+        bubbles,
+        depth: 1e3,
+        ..Settings::NONE
+    }
+}
+
+fn live64(seed: u64) -> Live64 {
+    Live::new(Store64::new(), seed)
+}
+
+/// Bubbles of `radius` at `places`, all pushed alike: half a second of what one hears.
+fn struck(bubbles: &[(f64, [f64; 3])]) -> Vec<f64> {
+    let mut live = live64(1);
+    let mut places = Vec::new();
+    for (radius, place) in bubbles {
+        let place = [place[0], place[1], place[2] + 1e3].map(|x| x as f32);
+        let body = Body::new(*radius as f32, place, 0);
+        places.push((live.keeper.place(body).expect("there is room"), body));
+    }
+    let mut clusters: Vec<u8> = places.iter().map(|((cluster, _), _)| *cluster as u8).collect();
+    clusters.dedup();
+    assert!(clusters.len() <= 2);
+    live.keeper.work_out(&clusters);
+    let settings = still(64);
+    let mut out = Vec::new();
+    for _ in 0..190 {
+        let block = live.tick(&settings, |message, _| {
+            if message.commit.is_some() {
+                for (place, body) in &places {
+                    let push = Push::new(body, 0.05, 2.0 / RATE as f32);
+                    let _ = message.forces.push(force(*place, &push));
+                }
+            }
+        });
+        out.extend(block.iter().map(|[left, right]| left + right));
+    }
+    out
+}
+
+#[test]
+fn a_bubble_alone_has_its_pitch_its_decay_and_its_loudness() {
+    for radius in [0.5e-3, 1e-3, 3e-3, 10e-3] {
+        let bubble = freshet::bubble::Bubble::new(radius);
+        let sound = struck(&[(radius, [0.0; 3])]);
+        let peak = sound.iter().fold(0.0f64, |peak, x| peak.max(x.abs()));
+        let [(pitch, decay)] = model::modes::<1>(&sound, RATE)[..] else { panic!("a mode") };
+        let cents = 1200.0 * (pitch / bubble.pitch()).log2();
+        let slower = decay / bubble.beta - 1.0;
+        let loud = 20.0 * (peak / (0.05 * 2f64.sqrt())).log10();
+        println!("{radius}: {cents:+.3} cents, decay {:+.3} %, {loud:+.2} dB", 100.0 * slower);
+        assert!(cents.abs() < 0.5 && slower.abs() < 0.01);
+        assert!((-3.0..1.0).contains(&loud));
+    }
+}
+
+#[test]
+fn pairs_have_the_pitches_of_the_physics() {
+    for (apart, expected) in [(2.0, 940.63), (4.0, 989.32), (10.0, 1044.35), (100.0, 1088.92)] {
+        let sound = struck(&[(3e-3, [0.0; 3]), (3e-3, [apart * 3e-3, 0.0, 0.0])]);
+        let [(pitch, _)] = model::modes::<1>(&sound, RATE)[..] else { panic!("a mode") };
+        println!("{apart} r: {pitch:.2} Hz, {expected}");
+        assert!((pitch / expected - 1.0).abs() < 0.005);
+    }
+    let sound = struck(&[(3e-3, [0.0; 3]), (2e-3, [12e-3, 0.0, 0.0])]);
+    let modes = model::modes::<2>(&sound, RATE);
+    println!("3 and 2 mm: {modes:?}");
+    for ((pitch, _), expected) in modes.iter().zip([1079.75, 1694.22]) {
+        assert!((pitch / expected - 1.0).abs() < 0.005, "{pitch}, {expected}");
+    }
+}
+
+/// A busy cloud.
+fn busy(bubbles: usize) -> Settings {
+    Settings {
+        bubbles,
+        rate: 100.0,
+        split: 0.2,
+        pushes: 200.0,
+        radius_min: 0.7e-3,
+        radius_max: 6e-3,
+        gamma: 1.5,
+        spacing: 4.0,
+        depth: 0.05,
+        coupling: 1.0,
+        pressure: 0.05,
+        drift: 0.05,
+        width: 1.0,
+    }
+}
+
+fn residual<S: freshet::cloud::Hold, const K: usize>(mut live: Live<S, K>, settings: &Settings) -> f64 {
+    let mut model = Model::new(RATE);
+    let (mut signal, mut error, mut births) = (0.0, 0.0, 0);
+    for _ in 0..375 {
+        let mut wanted = Vec::new();
+        let heard = live.tick(settings, |message, keeper| {
+            births += usize::from(message.commit.is_some());
+            wanted = model.tick(message, keeper.bodies(), settings);
+        });
+        for (heard, wanted) in heard.iter().zip(&wanted) {
+            for ear in 0..2 {
+                signal += wanted[ear] * wanted[ear];
+                error += (heard[ear] - wanted[ear]).powi(2);
+            }
+        }
+    }
+    let n = 2.0 * 375.0 * TICK as f64;
+    println!(
+        "{:.1} dBFS rms, residual {:.1} dB down; {births} commits, {} refused",
+        10.0 * (signal / n).log10(),
+        10.0 * (signal / error).log10(),
+        live.cloud.refused(),
+    );
+    10.0 * (signal / error).log10()
+}
+
+#[test]
+fn fixed_point_is_60_db_from_the_same_algorithm_in_f64() {
+    assert!(residual(Live::<Store64, 8>::new(Store64::new(), 3), &busy(64)) > 60.0);
+    assert!(residual(Live::<Store128, 16>::new(Store128::new(), 4), &busy(128)) > 60.0);
+}
