@@ -8,7 +8,7 @@
 //! A mode's step is `(1 + γGγᵀ)·a = −(c·v + k·y)`, `v += a`, `y += v`: central differences, whose energy never grows where
 //! `1 − c/2 − k/4 + γGγᵀ` is positive definite. The control path makes sure that it is, so nothing can run away.
 //!
-//! Scales: y is Q51 of a unit mode's `m^(3/2)`, v an eighth of that in 64 bits; a cluster's sum is 2^11 of v; the core
+//! Scales: y is Q54 of a unit mode's `m^(3/2)`, v an eighth of that in 64 bits; a cluster's sum is 2^11 of v; the core
 //! gives Q20 of a pascal. Where v is in 32 bits, so many are rounded to; see `kernel::cloud`.
 
 mod birth;
@@ -361,10 +361,10 @@ impl<S: Hold> Cloud<S> {
                 let share = (i64::from(*gauge) * i64::from(pushing.push)) >> 24;
                 let kick = (i64::from(share as i32) * i64::from(*turn)) >> 6;
                 mode.set_speed(mode.wide_speed().wrapping_add(kick));
-                total += i64::from(mode.share) * (kick >> 16);
+                total += i64::from(mode.share) * (kick >> 24);
             }
-            // Q48 of v to the sum's.
-            parts.sums[place] = parts.sums[place].wrapping_add((total >> (48 - SUM)) as i32);
+            // Q40 of v to the sum's.
+            parts.sums[place] = parts.sums[place].wrapping_add((total >> (40 - SUM)) as i32);
             pushing.push = pushing.push.saturating_add(pushing.growth);
             pushing.growth = pushing.growth.saturating_add(pushing.force.push.saturating_mul(2));
             pushing.force.steps -= 1;

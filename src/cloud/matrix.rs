@@ -8,8 +8,8 @@ use core::f32::consts::PI;
 use super::birth::Body;
 use crate::kernel::cloud::{Cluster, MEMBERS, Mode, Shape, sqrt};
 
-/// Units of y in a unit of a mode, `m^(3/2)`, as a power of two: a bubble of 12 mm and 8 Pa at 1 m fills a third.
-pub const UNIT_BITS: i32 = 51;
+/// Units of y in a unit of a mode, `m^(3/2)`, as a power of two: a bubble of 12 mm and 1 Pa at 1 m fills a third.
+pub const UNIT_BITS: i32 = 54;
 /// The same for v.
 pub const UNIT: f32 = (1u64 << (UNIT_BITS - 3)) as f32;
 /// ε²/2, ε = 2.

@@ -217,7 +217,7 @@ impl Model {
         }
         for force in &message.forces {
             let place = (usize::from(force.cluster), usize::from(force.member));
-            let push = f64::from(force.push) / 2f64.powi(48);
+            let push = f64::from(force.push) / 2f64.powi(51);
             self.forces.push((u32::from(force.start), u32::from(force.steps), 1, place, push));
         }
         let mut out = Vec::new();
@@ -387,16 +387,15 @@ impl Model {
     }
 }
 
-/// Pitch (Hz) and decay (1/s) of `N` damped sinusoids in `sound`, the lowest first: linear prediction over where it is
-/// loud, at a quarter of the rate below its first tenth of a second.
-pub fn modes<const N: usize>(sound: &[f64], rate: f64) -> Vec<(f64, f64)> {
+/// Pitch (Hz) and decay (1/s) of `N` damped sinusoids in `sound`, none above `highest` Hz, the lowest first: linear
+/// prediction over where it is loud, by a fifth of a period.
+pub fn modes<const N: usize>(sound: &[f64], rate: f64, highest: f64) -> Vec<(f64, f64)> {
     let begin = (0..sound.len()).max_by(|a, b| sound[*a].abs().total_cmp(&sound[*b].abs()));
     let begin = begin.expect("a sound") + 96;
     let floor = sound[begin..begin + 480].iter().fold(0.0f64, |peak, x| peak.max(x.abs())) * 1e-2;
     let end = (begin..sound.len()).rev().find(|n| sound[*n].abs() > floor).expect("it is loud");
-    // By 2N unknowns: x[n + N] + x[n − N], and so on, would know no decay; plain prediction with a lag does.
     let order = 2 * N;
-    let lag = 2;
+    let lag = ((rate / (5.0 * highest)) as usize).max(1);
     let mut normal = vec![vec![0.0; order + 1]; order];
     for n in begin + order * lag..end {
         let row: Vec<f64> = (1..=order).map(|k| sound[n - k * lag]).collect();
