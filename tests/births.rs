@@ -12,7 +12,7 @@ use freshet::mix::Output;
 use freshet::observer::{Birth, Crowd, Observer};
 use freshet::param;
 use freshet::population;
-use freshet::profile::Profile;
+use freshet::profile::{F411, Profile};
 use freshet::scene::Scene;
 use freshet::stats::Stats;
 use freshet::voices::Voice;
@@ -853,6 +853,14 @@ impl Profile for Small {
     type Update = Update<[population::Crowd; 1]>;
     fn update() -> Self::Update {
         Update::new()
+    }
+    type Cloud = <F411 as Profile>::Cloud;
+    fn cloud() -> Self::Cloud {
+        F411::cloud()
+    }
+    type Keeper = <F411 as Profile>::Keeper;
+    fn keeper(seed: u64, sample_rate: u32) -> Self::Keeper {
+        F411::keeper(seed, sample_rate)
     }
 }
 

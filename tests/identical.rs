@@ -10,7 +10,7 @@ use freshet::mix::Output;
 use freshet::observer::{Birth, Crowd, Observer};
 use freshet::param;
 use freshet::population;
-use freshet::profile::Profile;
+use freshet::profile::{F411, Profile};
 use freshet::stats::Stats;
 use freshet::voices::{Pitch, Strike, Voice};
 use freshet::{Frame, Instrument, TICK, Update};
@@ -316,6 +316,14 @@ impl Profile for Tight {
     type Update = Update<[population::Crowd; 2]>;
     fn update() -> Self::Update {
         Update::new()
+    }
+    type Cloud = <F411 as Profile>::Cloud;
+    fn cloud() -> Self::Cloud {
+        F411::cloud()
+    }
+    type Keeper = <F411 as Profile>::Keeper;
+    fn keeper(seed: u64, sample_rate: u32) -> Self::Keeper {
+        F411::keeper(seed, sample_rate)
     }
 }
 

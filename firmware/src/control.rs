@@ -17,6 +17,9 @@ use crate::flash::Scenes;
 use crate::log;
 use crate::supervisor::{self, Client};
 
+/// The cloud's control path.
+type Keeper = <Capacity as Profile>::Keeper;
+
 /// What a person asks for.
 enum Wish {
     NextScene,
@@ -34,10 +37,11 @@ pub fn start(button: board::Button, spawner: Spawner) {
     let seed = scenes.seed();
     let control = first_control(&scenes, seed);
     let synth = first_synth(control, seed);
+    let keeper = first_keeper(seed);
     let [first, next] = UPDATES.take().each_mut();
-    tick(control, next);
+    tick(control, keeper, next);
     board::spawner().spawn(unwrap(audio::run(synth, first)));
-    spawner.spawn(unwrap(run(control, next, scenes)));
+    spawner.spawn(unwrap(run(control, keeper, next, scenes)));
     spawner.spawn(unwrap(watch(button)));
 }
 
@@ -57,6 +61,12 @@ fn first_synth(control: &Control, seed: u64) -> &'static mut Synth<Capacity> {
     SYNTH.init_with(|| Synth::new(seed, Output::Bits24, control, SAMPLE_RATE))
 }
 
+#[inline(never)]
+fn first_keeper(seed: u64) -> &'static mut Keeper {
+    static KEEPER: StaticCell<Keeper> = StaticCell::new();
+    KEEPER.init_with(|| Capacity::keeper(seed, SAMPLE_RATE))
+}
+
 /// Each task is started once, so there is a place for it.
 fn unwrap<T>(token: Result<T, embassy_executor::SpawnError>) -> T {
     // PANIC: a task started twice is a fault of this program; the restart that follows says so.
@@ -65,7 +75,12 @@ fn unwrap<T>(token: Result<T, embassy_executor::SpawnError>) -> T {
 
 /// One tick after another.
 #[embassy_executor::task]
-async fn run(control: &'static mut Control, mut update: &'static mut Update, scenes: Scenes) {
+async fn run(
+    control: &'static mut Control,
+    keeper: &'static mut Keeper,
+    mut update: &'static mut Update,
+    scenes: Scenes,
+) {
     let mut playing = scenes.first();
     loop {
         update = audio::exchange(update).await;
@@ -75,15 +90,16 @@ async fn run(control: &'static mut Control, mut update: &'static mut Update, sce
             control.load(&scene);
             log::info!("scene {}", name);
         }
-        tick(control, update);
+        tick(control, keeper, update);
         supervisor::check_in(Client::Control);
     }
 }
 
 /// Computes the next tick. A function of its own, so that it can be found and measured.
 #[inline(never)]
-fn tick(control: &mut Control, update: &mut Update) {
+fn tick(control: &mut Control, keeper: &mut Keeper, update: &mut Update) {
     control.tick(update);
+    control.tick_cloud(keeper, update);
 }
 
 /// Waits for the button.

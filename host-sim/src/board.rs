@@ -29,6 +29,14 @@ impl Profile for Desk {
     fn update() -> Self::Update {
         Update::new()
     }
+    type Cloud = <H743 as Profile>::Cloud;
+    fn cloud() -> Self::Cloud {
+        H743::cloud()
+    }
+    type Keeper = <H743 as Profile>::Keeper;
+    fn keeper(seed: u64, sample_rate: u32) -> Self::Keeper {
+        H743::keeper(seed, sample_rate)
+    }
 }
 
 /// Whose capacities to play with.

@@ -20,6 +20,8 @@ use crate::random::{Random, Stream};
 const WAITING: u32 = 8;
 /// Ticks from one look at where bubbles have drifted to the next.
 const TIDY: u32 = 6;
+/// Ticks without births and pushes after which bubbles go: all has rung out.
+const FORGOTTEN: u32 = 400;
 /// Bubbles looked at then.
 const TIDIED: usize = 2;
 
@@ -68,6 +70,8 @@ pub struct Keeper<const K: usize> {
     /// Ticks since bubbles were looked at for drift, and which cluster is next.
     untidy: u32,
     next: usize,
+    /// Ticks without births and pushes.
+    idle: u32,
     /// What bubbles were worked out with, and how many looks it takes until all have heard of a change.
     heard: Settings,
     deaf: usize,
@@ -91,6 +95,7 @@ impl<const K: usize> Keeper<K> {
             ring_out: 0,
             untidy: 0,
             next: 0,
+            idle: 0,
             heard: Settings::NONE,
             deaf: 0,
         }
@@ -408,6 +413,13 @@ impl<const K: usize> Keep for Keeper<K> {
         message.forces.clear();
         self.now = self.now.wrapping_add(1);
         self.untidy = self.untidy.saturating_add(1);
+        let quiet = settings.rate == 0.0 && settings.pushes == 0.0;
+        self.idle = if quiet { self.idle.saturating_add(1) } else { 0 };
+        let forgotten = Settings {
+            bubbles: 0,
+            ..*settings
+        };
+        let settings = if self.idle > FORGOTTEN { &forgotten } else { settings };
         let due = self.births.due(settings);
         self.waiting = (self.waiting + due).min(WAITING);
         let news = |settings: &Settings| [settings.coupling, settings.depth, settings.width];
