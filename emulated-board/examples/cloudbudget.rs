@@ -1,0 +1,38 @@
+//! Scratch.
+#[path = "../tests/common/mod.rs"]
+mod common;
+use std::time::Duration;
+use common::{START, board, unhurried};
+use freshet_host::scene_file::SceneFile;
+
+fn main() {
+    let rows: Vec<(String, String)> = [(64, 100, 0), (64, 100, 300), (128, 100, 0), (128, 100, 300), (128, 0, 300), (64, 0, 300)]
+        .iter()
+        .map(|(n, r, p)| {
+            (
+                format!("{n} bubbles, {r} births/s, {p} pushes/s"),
+                format!("[water]\nrate = 0\n[cloud]\nbubbles = {n}\nrate = {r}\npushes = {p}\nradius_min=0.7\nradius_max=6\npressure=0.1\n"),
+            )
+        })
+        .collect();
+    for (name, text) in rows {
+        let scene = SceneFile::parse("x", &text).expect("valid").scene;
+        let mut board = board(&[("scene", scene.clone())], 1, unhurried());
+        board.run(START + Duration::from_millis(1500)).expect("runs");
+        let play = board.count("freshet_firmware::audio::Player::play").expect("there");
+        let tick = board.count("freshet_firmware::control::tick").expect("there");
+        let kernel = board.count("freshet_cloud").expect("there");
+        let before = board.frames();
+        board.run(Duration::from_secs(1)).expect("runs");
+        let frames = (board.frames() - before) as f64;
+        let play = board.counts(play).expect("c");
+        let tick = board.counts(tick).expect("c");
+        let kernel = board.counts(kernel).expect("c");
+        println!("{name}: play {:.0}/sample mean, {:.0} busiest block; kernel {:.0}; tick {:.0}/sample mean, longest {}",
+            play.total() as f64 / frames, play.max() as f64 / 32.0, kernel.total() as f64 / frames,
+            tick.total() as f64 / frames, tick.max());
+        let mut sorted: Vec<u64> = tick.calls.iter().copied().map(|c| c as u64).collect();
+        sorted.sort();
+        println!("   ticks: median {} 90% {} 99% {}", sorted[sorted.len()/2], sorted[sorted.len()*9/10], sorted[sorted.len()*99/100]);
+    }
+}
