@@ -5,7 +5,25 @@ use std::time::Duration;
 use common::{START, board, unhurried};
 use freshet_host::scene_file::SceneFile;
 
+fn same(name: &str) {
+    let scene = common::scene(name);
+    let mut board = board(&[(name, scene.clone())], 5, unhurried());
+    board.run(START + Duration::from_secs(2)).expect("it runs");
+    let heard = board.take_audio();
+    let heard = common::from_first_sound(&heard);
+    let wanted = common::desk(freshet_host::board::Board::F407, &scene, 5, 120_000);
+    let wanted = common::from_first_sound(&wanted);
+    let n = heard.len().min(wanted.len());
+    println!("{name}: {n} frames, equal: {}", heard[..n] == wanted[..n]);
+    if heard[..n] != wanted[..n] {
+        println!("first at {:?}", (0..n).find(|i| heard[*i] != wanted[*i]));
+    }
+}
+
 fn main() {
+    for name in ["pour", "plunging-jet"] {
+        same(name);
+    }
     let rows: Vec<(String, String)> = [(64, 100, 0), (64, 100, 300), (128, 100, 0), (128, 100, 300), (128, 0, 300), (64, 0, 300)]
         .iter()
         .map(|(n, r, p)| {

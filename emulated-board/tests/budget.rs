@@ -125,8 +125,8 @@ fn the_stack_has_room_and_stands_where_it_cannot_run_into_anything() {
     // The first word of the vectors; below the stack there is nothing.
     let first = board.read(0x0800_0000, 4).expect("it is flash");
     let start = u32::from_le_bytes(first.try_into().expect("a word"));
-    let end = 0x1000_0000;
-    assert_eq!(start, 0x1001_0000);
+    let end = 0x2000_0000;
+    assert_eq!(start, 0x2001_8000);
     let stack = board
         .read(end, (start - end) as usize)
         .expect("it is memory");

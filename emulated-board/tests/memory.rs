@@ -8,8 +8,8 @@ use common::elf;
 fn every_stack_stands_at_the_lowest_address_of_its_memory() {
     // The stack grows down to where there is no memory, so that one that overflows faults.
     for (board, start) in [
-        ("f407", 0x1001_0000_u32),
-        ("f411", 0x2001_0800),
+        ("f407", 0x2001_8000_u32),
+        ("f411", 0x2001_0400),
         ("h743", 0x2404_0000),
     ] {
         let elf = elf(board);

@@ -1,5 +1,9 @@
 //! The control task: below audio, it computes the next tick while this one plays, and listens to the button.
 
+use core::cell::UnsafeCell;
+use core::mem::MaybeUninit;
+use core::sync::atomic::{AtomicBool, Ordering};
+
 use embassy_executor::Spawner;
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_sync::channel::Channel;
@@ -63,8 +67,17 @@ fn first_synth(control: &Control, seed: u64) -> &'static mut Synth<Capacity> {
 
 #[inline(never)]
 fn first_keeper(seed: u64) -> &'static mut Keeper {
-    static KEEPER: StaticCell<Keeper> = StaticCell::new();
-    KEEPER.init_with(|| Capacity::keeper(seed, SAMPLE_RATE))
+    /// Where nothing has to be zero at first, beside what DMA reads: on an F4 the other memory is full.
+    struct Place(UnsafeCell<MaybeUninit<Keeper>>);
+    // SAFETY: only the first to come here gets at it.
+    unsafe impl Sync for Place {}
+    #[unsafe(link_section = ".dma")]
+    static KEEPER: Place = Place(UnsafeCell::new(MaybeUninit::uninit()));
+    static TAKEN: AtomicBool = AtomicBool::new(false);
+    // PANIC: started twice is a fault of this program; the restart that follows says so.
+    assert!(!TAKEN.swap(true, Ordering::AcqRel));
+    // SAFETY: nobody else has it, as TAKEN says; the memory is there for good.
+    unsafe { (*KEEPER.0.get()).write(Capacity::keeper(seed, SAMPLE_RATE)) }
 }
 
 /// Each task is started once, so there is a place for it.
