@@ -286,14 +286,14 @@ impl<S: Hold> Cloud<S> {
             let members = changed.from.map(find);
             for (m, mode) in cluster.modes.iter_mut().enumerate() {
                 let turn = &cluster.shape.turn;
-                let along = |part: fn(&Swing) -> i64| {
-                    let sum = (members.iter().zip(turn))
-                        .fold(0i64, |sum, (member, row)| sum + i64::from(row[m]) * part(member));
-                    sum >> 31
-                };
+                let (mut place, mut speed) = (0i64, 0i64);
+                for (member, row) in members.iter().zip(turn) {
+                    place += product(row[m], member.place);
+                    speed += product(row[m], member.speed);
+                }
                 let swing = Swing {
-                    place: along(|swing| swing.place),
-                    speed: along(|swing| swing.speed),
+                    place: (place >> 31) as i32,
+                    speed: (speed >> 31) as i32,
                 };
                 swing.set(mode, cluster.shape.inverse[m]);
             }
@@ -400,40 +400,45 @@ impl<S: Hold> Cloud<S> {
     }
 }
 
+#[inline(always)]
+fn product(a: i32, b: i32) -> i64 {
+    i64::from(a) * i64::from(b)
+}
+
 const SUM: u32 = crate::kernel::cloud::SUM_BITS;
 
 /// A bubble's own place and speed, in 16ths.
 #[derive(Clone, Copy, Debug, Default)]
 struct Swing {
-    place: i64,
-    speed: i64,
+    place: i32,
+    speed: i32,
 }
 
 /// How the bubbles of a cluster swing.
 fn swings(cluster: &Cluster) -> [Swing; MEMBERS] {
     let mut modes = [Swing::default(); MEMBERS];
     for ((swing, mode), gauge) in modes.iter_mut().zip(&cluster.modes).zip(cluster.shape.gauge) {
-        let gauge = i64::from(gauge);
-        swing.place = (gauge * (i64::from(mode.place) << 4)) >> 31;
-        swing.speed = ((mode.wide_speed() >> 28) * gauge) >> 31;
+        // The energy that may ring keeps both below 2^28.
+        swing.place = (product(gauge, mode.place) >> 27) as i32;
+        swing.speed = (product(gauge, (mode.wide_speed() >> 28) as i32) >> 31) as i32;
     }
     cluster.shape.turn.map(|row| {
-        let mut swing = Swing::default();
+        let (mut place, mut speed) = (0i64, 0i64);
         for (mode, turn) in modes.iter().zip(row) {
-            swing.place += i64::from(turn) * mode.place;
-            swing.speed += i64::from(turn) * mode.speed;
+            place += product(turn, mode.place);
+            speed += product(turn, mode.speed);
         }
-        swing.place >>= 31;
-        swing.speed >>= 31;
-        swing
+        Swing {
+            place: (place >> 31) as i32,
+            speed: (speed >> 31) as i32,
+        }
     })
 }
 
 impl Swing {
     /// Lets `mode` swing so, whose own inverse gauge is given.
     fn set(&self, mode: &mut Mode, inverse: i32) {
-        let inverse = i64::from(inverse);
-        mode.place = ((self.place * inverse) >> (23 + 4)) as i32;
-        mode.set_speed(((self.speed * inverse) >> 23) << 28);
+        mode.place = (product(self.place, inverse) >> (23 + 4)) as i32;
+        mode.set_speed((product(self.speed, inverse) >> 23) << 28);
     }
 }

@@ -1,8 +1,8 @@
 //! What clusters are to each other: the core of Woodbury's identity. Control path, f32.
 
-use super::matrix::{UNIT_BITS, fixed};
+use super::matrix::{UNIT_BITS, fixed, over_root, sqrt};
 use crate::bubble::RHO;
-use crate::kernel::cloud::{GROUP, Row, SUM_BITS, sqrt};
+use crate::kernel::cloud::{GROUP, Row, SUM_BITS};
 
 /// What has to be left of a coupled mass of 1.
 const MARGIN: f32 = 0.05;
@@ -114,7 +114,7 @@ impl<const K: usize> Core<K> {
                     row[j] = x * head[j][j];
                 } else if x > MARGIN {
                     // Over the diagonal, for the rows below.
-                    row[i] = 1.0 / sqrt(x);
+                    row[i] = over_root(x);
                 } else {
                     return false;
                 }

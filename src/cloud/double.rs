@@ -7,7 +7,7 @@ pub const STEPS: usize = BLOCK / 2;
 /// Samples that the filter looks back.
 const BEFORE: usize = 13;
 /// Taps on each side of the middle, Q31: least squares from 0 to 3/8 of the cloud's rate.
-const TAPS: [i64; 6] = [
+const TAPS: [i32; 6] = [
     1_348_917_376,
     -398_033_124,
     185_352_038,
@@ -66,7 +66,7 @@ impl Double {
             for (n, frames) in out.chunks_exact_mut(2).enumerate() {
                 let x = &x[n + 2..][..2 * TAPS.len()];
                 let wide = (TAPS.iter().enumerate()).fold(0, |wide, (k, tap)| {
-                    wide + i64::from(x[TAPS.len() - 1 - k] + x[TAPS.len() + k]) * tap
+                    wide + i64::from(x[TAPS.len() - 1 - k] + x[TAPS.len() + k]) * i64::from(*tap)
                 });
                 let [whole, half] = [x[TAPS.len() - 1], (wide >> 31) as i32].map(|x| x << 2);
                 let [first, second] = frames else { continue };

@@ -7,19 +7,19 @@
 use super::STEPS_PER_TICK;
 use super::birth::{Births, Body, LOOKS, Push, Settings};
 use super::coupling::{Core, Peer, loudness};
-use super::matrix::{Solved, fixed, solve};
+use super::matrix::{Solved, fixed, solve, sqrt};
 use super::slice::{
     CHANGED, Changed, Commit, FORCES, Force, Message, NOBODY, RINGING_OUT, ROWS, Retired, Slice,
 };
 use super::slots::{Place, Slots};
 use crate::fixed::cosine;
-use crate::kernel::cloud::{GROUP, MEMBERS, sqrt};
+use crate::kernel::cloud::{GROUP, MEMBERS};
 use crate::random::{Random, Stream};
 
 /// Births that may wait.
 const WAITING: u32 = 8;
 /// Ticks from one look at where bubbles have drifted to the next.
-const TIDY: u32 = 6;
+const TIDY: u32 = 12;
 /// Ticks without births and pushes after which bubbles go: all has rung out.
 const FORGOTTEN: u32 = 400;
 /// Bubbles looked at then.

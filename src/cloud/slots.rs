@@ -87,10 +87,13 @@ impl<const K: usize> Slots<K> {
             near: [0; K],
             belongs: [0.0; K],
         };
-        for ((cluster, _), other) in self.bodies() {
-            let (near, belongs) = pair(body, other);
-            look.near[cluster] += near;
-            look.belongs[cluster] += belongs;
+        let totals = look.near.iter_mut().zip(&mut look.belongs);
+        for ((near, belongs), members) in totals.zip(&self.clusters) {
+            for other in members.iter().flatten() {
+                let (more, closer) = pair(body, other);
+                *near += more;
+                *belongs += closer;
+            }
         }
         look
     }

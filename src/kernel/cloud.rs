@@ -183,7 +183,6 @@ mod assembly {
             clusters_in_groups: usize,
             ring_out: i32,
         );
-        fn freshet_sqrt(x: f32) -> f32;
     }
 
     pub fn run(run: &mut Run, out: &mut [[i32; 2]]) {
@@ -204,16 +203,4 @@ mod assembly {
             );
         }
     }
-
-    /// Square root, as IEEE 754 rounds it.
-    #[inline(always)]
-    pub fn sqrt(x: f32) -> f32 {
-        // SAFETY: one instruction on the register that the procedure call standard has numbers in.
-        unsafe { freshet_sqrt(x) }
-    }
 }
-
-#[cfg(dsp)]
-pub use assembly::sqrt;
-#[cfg(not(dsp))]
-pub use libm::sqrtf as sqrt;

@@ -123,18 +123,6 @@ freshet_cloud:
     add     sp, sp, #36
     pop     {{r4-r11, pc}}
     .size   freshet_cloud, . - freshet_cloud
-
-@ float freshet_sqrt(float)
-    .section .text.freshet_sqrt, "ax", %progbits
-    .balign 4
-    .global freshet_sqrt
-    .type   freshet_sqrt, %function
-    .thumb_func
-freshet_sqrt:
-    .fpu    fpv4-sp-d16
-    vsqrt.f32 s0, s0
-    bx      lr
-    .size   freshet_sqrt, . - freshet_sqrt
     .purgem cloud_row
     .purgem cloud_mode
     .text
