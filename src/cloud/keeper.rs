@@ -22,8 +22,6 @@ const WAITING: u32 = 8;
 const TIDY: u32 = 12;
 /// Ticks without births and pushes after which bubbles go: all has rung out.
 const FORGOTTEN: u32 = 400;
-/// Bubbles looked at then.
-const TIDIED: usize = 2;
 
 /// What a profile's control path keeps of a cloud.
 pub trait Keep {
@@ -113,7 +111,7 @@ impl<const K: usize> Keeper<K> {
 
     /// Places a bubble by hand, before the first tick or between batches. Returns where, once [`Keeper::work_out`] has.
     pub fn place(&mut self, body: Body) -> Option<Place> {
-        self.slots.settle(body, K)
+        Some(self.slots.settle(body, K)?.0)
     }
 
     /// Works out cluster `cluster` next, whatever the births do.
@@ -183,19 +181,15 @@ impl<const K: usize> Keeper<K> {
             }
         }
         // A newborn goes where it belongs; if that is one cluster only, it may change places for a better one.
-        if let Some(place) = self.slots.settle(body, allowed) {
+        if let Some((place, look)) = self.slots.settle(body, allowed) {
             add(&mut batch, place.0);
-            let mut at = place;
-            if batch.len() < CHANGED
-                && let Some(to) = self.slots.improve(place, allowed)
-            {
-                add(&mut batch, to);
-                let born = |(_, body): &(Place, &Body)| body.home.is_none() && body.born == self.now;
-                at = (self.slots.bodies().filter(|one| one.0.0 == to))
-                    .find(born)
-                    .map_or(at, |(place, _)| place);
+            let better = (batch.len() < CHANGED)
+                .then(|| self.slots.improve(place, &look, allowed))
+                .flatten();
+            if let Some(better) = better {
+                add(&mut batch, better.0);
             }
-            add_place(&mut self.newborn, at);
+            add_place(&mut self.newborn, better.unwrap_or(place));
         }
         self.begin(batch, allowed);
     }
@@ -209,7 +203,7 @@ impl<const K: usize> Keeper<K> {
         self.begin(batch, allowed);
     }
 
-    /// Follows some bubbles to where they have drifted, and lets one change places.
+    /// Follows a bubble to where it has drifted, and lets it change places.
     fn tidy(&mut self, settings: &Settings, allowed: usize) {
         self.untidy = 0;
         let (tick, extent) = (self.births.tick, settings.extent());
@@ -220,18 +214,16 @@ impl<const K: usize> Keeper<K> {
         else {
             return;
         };
-        let end = (first / MEMBERS + 1) * MEMBERS;
-        for place in (first..end.min(first + TIDIED)).map(at) {
-            if let Some(mut body) = self.slots.take(place) {
-                body.drift_on(self.now, tick, extent, settings.depth);
-                self.slots.put(place, body);
-            }
-        }
-        self.next = end.min(first + TIDIED) % all;
+        self.next = (first + 1) % all;
+        let place = at(first);
         let mut batch = Batch::new();
-        add(&mut batch, at(first).0);
-        if let Some(to) = self.slots.improve(at(first), allowed) {
-            add(&mut batch, to);
+        add(&mut batch, place.0);
+        if let Some(mut body) = self.slots.take(place) {
+            body.drift_on(self.now, tick, extent, settings.depth);
+            let look = self.slots.put(place, body);
+            if let Some(better) = self.slots.improve(place, &look, allowed) {
+                add(&mut batch, better.0);
+            }
         }
         self.begin(batch, allowed);
     }
@@ -424,7 +416,7 @@ impl<const K: usize> Keep for Keeper<K> {
         self.waiting = (self.waiting + due).min(WAITING);
         let news = |settings: &Settings| [settings.coupling, settings.depth, settings.width];
         if news(settings) != news(&self.heard) {
-            self.deaf = K * MEMBERS / TIDIED;
+            self.deaf = K * MEMBERS;
             self.heard = *settings;
         }
         if self.stage == Stage::Rest {

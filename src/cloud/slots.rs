@@ -10,6 +10,8 @@ use crate::kernel::cloud::MEMBERS;
 
 /// Bits of the sums between clusters, m.
 const NEAR_BITS: u32 = 30;
+/// What two bubbles have to gain by changing places, sum of M_ij².
+const WORTHWHILE: f32 = 0.02;
 
 /// A place: cluster, and which of its members.
 pub type Place = (usize, usize);
@@ -24,7 +26,8 @@ pub struct Slots<const K: usize> {
 }
 
 /// What a bubble is to each cluster: to its sums, and how much it belongs there (sum of M_ij²).
-struct Look<const K: usize> {
+#[derive(Clone, Debug)]
+pub struct Look<const K: usize> {
     near: [i32; K],
     belongs: [f32; K],
 }
@@ -116,9 +119,10 @@ impl<const K: usize> Slots<K> {
     }
 
     /// Puts `body` into the free `place`.
-    pub fn put(&mut self, place: Place, body: Body) {
+    pub fn put(&mut self, place: Place, body: Body) -> Look<K> {
         let look = self.look(&body);
         self.put_looked(place, body, &look);
+        look
     }
 
     fn put_looked(&mut self, place: Place, body: Body, look: &Look<K>) {
@@ -127,7 +131,7 @@ impl<const K: usize> Slots<K> {
     }
 
     /// Puts `body` where it belongs most, of the first `clusters` those with room. None if all are full.
-    pub fn settle(&mut self, body: Body, clusters: usize) -> Option<Place> {
+    pub fn settle(&mut self, body: Body, clusters: usize) -> Option<(Place, Look<K>)> {
         let look = self.look(&body);
         let free = |cluster: usize| {
             let member = self.clusters[cluster].iter().position(Option::is_none)?;
@@ -136,39 +140,44 @@ impl<const K: usize> Slots<K> {
         let best = (0..clusters.min(K)).filter_map(free);
         let place = best.reduce(|a, b| if look.belongs[b.0] > look.belongs[a.0] { b } else { a })?;
         self.put_looked(place, body, &look);
-        Some(place)
+        Some((place, look))
     }
 
-    /// Lets the bubble at `place` change places with one of the cluster that it belongs to, where both together belong
-    /// there more. Returns that cluster.
-    pub fn improve(&mut self, place: Place, clusters: usize) -> Option<usize> {
-        let body = *self.get(place)?;
-        self.clusters[place.0][place.1] = None;
-        let look = self.look(&body);
-        self.clusters[place.0][place.1] = Some(body);
+    /// Lets the bubble at `place`, which has had a `look` at the others, change places with one of the cluster that it
+    /// belongs to, where both together belong there more. Returns where it is then.
+    pub fn improve(&mut self, place: Place, look: &Look<K>, clusters: usize) -> Option<Place> {
         let home = place.0;
         let better = |a: usize, b: usize| if look.belongs[b] > look.belongs[a] { b } else { a };
         let to = (0..clusters.min(K)).reduce(better)?;
-        if to == home {
+        let own = look.belongs[to] - look.belongs[home];
+        if own < WORTHWHILE {
             return None;
         }
-        let own = look.belongs[to] - look.belongs[home];
+        let body = *self.get(place)?;
         let mut best: Option<(f32, usize)> = None;
         for (i, other) in self.clusters[to].iter().enumerate() {
             let gain = own + other.as_ref().map_or(0.0, |other| self.gain(other, (to, i), place, &body));
-            if gain > best.map_or(0.0, |(gain, _)| gain) {
+            if gain > best.map_or(WORTHWHILE, |(gain, _)| gain) {
                 best = Some((gain, i));
             }
         }
         let there = (to, best?.1);
-        // Both out, then both in.
-        self.take(place);
-        let other = self.take(there);
-        self.put(there, body);
-        if let Some(other) = other {
-            self.put(place, other);
+        // Both out, then both in; of each other they have heard elsewhere.
+        self.clusters[home][place.1] = None;
+        self.count_in(home, look, -1);
+        let mut look = look.clone();
+        if let Some(other) = self.clusters[to][there.1].take() {
+            let mut looked = self.look(&other);
+            self.count_in(to, &looked, -1);
+            let near = pair(&body, &other).0;
+            look.near[to] -= near;
+            self.put_looked(there, body, &look);
+            looked.near[to] += near;
+            self.put_looked(place, other, &looked);
+        } else {
+            self.put_looked(there, body, &look);
         }
-        Some(to)
+        Some(there)
     }
 
     /// What it gains if `other` goes from its place to that of `body`, who goes to its.
