@@ -151,6 +151,7 @@ impl<S: Hold> Cloud<S> {
     }
 
     /// Takes a tick's message, before its first block.
+    #[inline(never)]
     pub fn apply(&mut self, message: &Message) {
         match &message.slice {
             Some(Slice::Cluster(place, cluster)) => {
@@ -183,6 +184,7 @@ impl<S: Hold> Cloud<S> {
     }
 
     /// Adds one block.
+    #[inline(never)]
     pub fn render(&mut self, out: &mut Block) {
         if self.is_silent() {
             return;
@@ -195,7 +197,9 @@ impl<S: Hold> Cloud<S> {
             if quiet == 0 {
                 self.push_on();
             } else {
-                self.pushing.iter_mut().for_each(|pushing| pushing.wait -= quiet as u32);
+                self.pushing
+                    .iter_mut()
+                    .for_each(|pushing| pushing.wait -= quiet as u32);
             }
             let (now, later) = rest.split_at_mut(quiet.max(1));
             if self.moves {
@@ -247,13 +251,15 @@ impl<S: Hold> Cloud<S> {
         [0, 1].map(|ear| {
             (0..groups).fold(rest, |total, group| {
                 let row = &parts.core[group * rows + ear];
-                (row.iter().zip(&parts.sums[group * GROUP..]))
-                    .fold(total, |total, (word, sum)| total.wrapping_add(mul_high(*sum, *word)))
+                (row.iter().zip(&parts.sums[group * GROUP..])).fold(total, |total, (word, sum)| {
+                    total.wrapping_add(mul_high(*sum, *word))
+                })
             })
         })
     }
 
     /// Other clusters from here on: what rings goes on ringing, and no ear hears a step.
+    #[inline(never)]
     fn commit(&mut self, commit: &Commit) {
         let before = self.ears();
         let staged = self.staged;
@@ -273,7 +279,11 @@ impl<S: Hold> Cloud<S> {
             let ringing_out = parts.clusters[old];
             let (low, high) = (new.min(old), new.max(old));
             parts.clusters[low..=high].fill(Cluster::default());
-            parts.clusters[new] = if old == 0 { Cluster::default() } else { ringing_out };
+            parts.clusters[new] = if old == 0 {
+                Cluster::default()
+            } else {
+                ringing_out
+            };
             self.groups = commit.groups;
         }
         for retired in &commit.retired {
@@ -328,7 +338,11 @@ impl<S: Hold> Cloud<S> {
     /// Energy of all modes as if they were alone, and of what still pushes, in squares of v.
     fn energy(&mut self) -> f32 {
         let clusters = self.groups * GROUP;
-        let pushing: f32 = self.pushing.iter().map(|pushing| pushing.force.energy).sum();
+        let pushing: f32 = self
+            .pushing
+            .iter()
+            .map(|pushing| pushing.force.energy)
+            .sum();
         let modes = self.store.parts().clusters.iter().take(clusters);
         let ringing: i64 = (modes.flat_map(|cluster| &cluster.modes))
             .map(|mode| {
@@ -341,6 +355,7 @@ impl<S: Hold> Cloud<S> {
     }
 
     /// One step of all that pushes.
+    #[inline(never)]
     fn push_on(&mut self) {
         let parts = self.store.parts();
         let mut moves = false;
@@ -349,7 +364,9 @@ impl<S: Hold> Cloud<S> {
                 pushing.wait -= 1;
                 return true;
             }
-            let Force { cluster, member, .. } = pushing.force;
+            let Force {
+                cluster, member, ..
+            } = pushing.force;
             let place = usize::from(cluster);
             let cluster = &mut parts.clusters[place];
             let turn = &cluster.shape.turn[usize::from(member) % MEMBERS];
@@ -366,7 +383,9 @@ impl<S: Hold> Cloud<S> {
             // Q40 of v to the sum's.
             parts.sums[place] = parts.sums[place].wrapping_add((total >> (40 - SUM)) as i32);
             pushing.push = pushing.push.saturating_add(pushing.growth);
-            pushing.growth = pushing.growth.saturating_add(pushing.force.push.saturating_mul(2));
+            pushing.growth = pushing
+                .growth
+                .saturating_add(pushing.force.push.saturating_mul(2));
             pushing.force.steps -= 1;
             moves = true;
             pushing.force.steps > 0
@@ -375,13 +394,20 @@ impl<S: Hold> Cloud<S> {
     }
 
     /// Comes to rest where nothing is to be heard any more.
+    #[inline(never)]
     fn settle(&mut self) {
         if !self.moves || !self.pushing.is_empty() {
             return;
         }
         let clusters = self.groups * GROUP + 1;
         let parts = self.store.parts();
-        let modes = || parts.clusters.iter().take(clusters).flat_map(|cluster| &cluster.modes);
+        let modes = || {
+            parts
+                .clusters
+                .iter()
+                .take(clusters)
+                .flat_map(|cluster| &cluster.modes)
+        };
         let still = |mode: &Mode| {
             let speed = mode.wide_speed();
             (-STILL..STILL).contains(&speed) && mode.pull() == 0
@@ -417,7 +443,11 @@ struct Swing {
 /// How the bubbles of a cluster swing.
 fn swings(cluster: &Cluster) -> [Swing; MEMBERS] {
     let mut modes = [Swing::default(); MEMBERS];
-    for ((swing, mode), gauge) in modes.iter_mut().zip(&cluster.modes).zip(cluster.shape.gauge) {
+    for ((swing, mode), gauge) in modes
+        .iter_mut()
+        .zip(&cluster.modes)
+        .zip(cluster.shape.gauge)
+    {
         // The energy that may ring keeps both below 2^28.
         swing.place = (product(gauge, mode.place) >> 27) as i32;
         swing.speed = (product(gauge, (mode.wide_speed() >> 28) as i32) >> 31) as i32;

@@ -43,7 +43,9 @@ impl<S: freshet::cloud::Hold, const K: usize> Live<S, K> {
         for _ in 0..TICK / BLOCK {
             let mut block: Block = [Frame::ZERO; BLOCK];
             self.cloud.render(&mut block);
-            out.extend(block.map(|frame| [frame.left, frame.right].map(|x| f64::from(x) / 67_108_864.0)));
+            out.extend(
+                block.map(|frame| [frame.left, frame.right].map(|x| f64::from(x) / 67_108_864.0)),
+            );
         }
         out
     }
@@ -72,7 +74,10 @@ fn struck(bubbles: &[(f64, [f64; 3])]) -> Vec<f64> {
         let body = Body::new(*radius as f32, place, 0);
         places.push((live.keeper.place(body).expect("there is room"), body));
     }
-    let mut clusters: Vec<u8> = places.iter().map(|((cluster, _), _)| *cluster as u8).collect();
+    let mut clusters: Vec<u8> = places
+        .iter()
+        .map(|((cluster, _), _)| *cluster as u8)
+        .collect();
     clusters.dedup();
     assert!(clusters.len() <= 2);
     live.keeper.work_out(&clusters);
@@ -99,11 +104,16 @@ fn a_bubble_alone_has_its_pitch_its_decay_and_its_loudness() {
         let bubble = freshet::bubble::Bubble::new(radius);
         let sound = struck(&[(radius, [0.0; 3])]);
         let peak = sound.iter().fold(0.0f64, |peak, x| peak.max(x.abs()));
-        let [(pitch, decay)] = model::modes::<1>(&sound, RATE, bubble.pitch())[..] else { panic!("a mode") };
+        let [(pitch, decay)] = model::modes::<1>(&sound, RATE, bubble.pitch())[..] else {
+            panic!("a mode")
+        };
         let cents = 1200.0 * (pitch / bubble.pitch()).log2();
         let slower = decay / bubble.beta - 1.0;
         let loud = 20.0 * (peak / (0.05 * 2f64.sqrt())).log10();
-        println!("{radius}: {cents:+.3} cents, decay {:+.3} %, {loud:+.2} dB", 100.0 * slower);
+        println!(
+            "{radius}: {cents:+.3} cents, decay {:+.3} %, {loud:+.2} dB",
+            100.0 * slower
+        );
         assert!(cents.abs() < 0.5 && slower.abs() < 0.01);
         assert!((-3.0..8.0).contains(&loud));
     }
@@ -111,9 +121,16 @@ fn a_bubble_alone_has_its_pitch_its_decay_and_its_loudness() {
 
 #[test]
 fn pairs_have_the_pitches_of_the_physics() {
-    for (apart, expected) in [(2.0, 940.63), (4.0, 989.32), (10.0, 1044.35), (100.0, 1088.92)] {
+    for (apart, expected) in [
+        (2.0, 940.63),
+        (4.0, 989.32),
+        (10.0, 1044.35),
+        (100.0, 1088.92),
+    ] {
         let sound = struck(&[(3e-3, [0.0; 3]), (3e-3, [apart * 3e-3, 0.0, 0.0])]);
-        let [(pitch, _)] = model::modes::<1>(&sound, RATE, 1e3)[..] else { panic!("a mode") };
+        let [(pitch, _)] = model::modes::<1>(&sound, RATE, 1e3)[..] else {
+            panic!("a mode")
+        };
         println!("{apart} r: {pitch:.2} Hz, {expected}");
         assert!((pitch / expected - 1.0).abs() < 0.005);
     }
@@ -121,7 +138,10 @@ fn pairs_have_the_pitches_of_the_physics() {
     let modes = model::modes::<2>(&sound, RATE, 1.7e3);
     println!("3 and 2 mm: {modes:?}");
     for ((pitch, _), expected) in modes.iter().zip([1079.75, 1694.22]) {
-        assert!((pitch / expected - 1.0).abs() < 0.005, "{pitch}, {expected}");
+        assert!(
+            (pitch / expected - 1.0).abs() < 0.005,
+            "{pitch}, {expected}"
+        );
     }
 }
 
@@ -144,7 +164,10 @@ fn busy(bubbles: usize) -> Settings {
     }
 }
 
-fn residual<S: freshet::cloud::Hold, const K: usize>(mut live: Live<S, K>, settings: &Settings) -> f64 {
+fn residual<S: freshet::cloud::Hold, const K: usize>(
+    mut live: Live<S, K>,
+    settings: &Settings,
+) -> f64 {
     let mut model = Model::new(RATE);
     let (mut signal, mut error, mut births) = (0.0, 0.0, 0);
     for _ in 0..375 {
@@ -176,21 +199,179 @@ fn fixed_point_is_60_db_from_the_same_algorithm_in_f64() {
     assert!(residual(Live::<Store128, 16>::new(Store128::new(), 4), &busy(128)) > 60.0);
 }
 
+/// Loudness, full scale 1 Pa.
+fn level(sound: &[[f64; 2]]) -> f64 {
+    let square: f64 = sound
+        .iter()
+        .map(|[left, right]| left * left + right * right)
+        .sum();
+    10.0 * (square / (2.0 * sound.len() as f64) + 1e-30).log10()
+}
+
+fn ticks<S: freshet::cloud::Hold, const K: usize>(
+    live: &mut Live<S, K>,
+    settings: &Settings,
+    ticks: usize,
+) -> Vec<[f64; 2]> {
+    (0..ticks)
+        .flat_map(|_| live.tick(settings, |_, _| {}))
+        .collect()
+}
+
 #[test]
-fn experiment() {
-    let base = busy(64);
-    for (name, settings) in [
-        ("base", base),
-        ("no split", Settings { split: 0.0, ..base }),
-        ("no drift", Settings { split: 0.0, drift: 0.0, ..base }),
-        ("no coupling", Settings { split: 0.0, drift: 0.0, coupling: 0.0, ..base }),
-        ("loud", Settings { split: 0.0, drift: 0.0, pressure: 0.5, ..base }),
-        ("loud no coupling", Settings { split: 0.0, drift: 0.0, pressure: 0.5, coupling: 0.0, ..base }),
-        ("slow", Settings { rate: 20.0, ..base }),
-        ("8 bubbles", Settings { bubbles: 8, ..base }),
-        ("1 bubble", Settings { bubbles: 1, rate: 5.0, ..base }),
-    ] {
-        print!("{name}: ");
-        residual(Live::<Store64, 8>::new(Store64::new(), 3), &settings);
+fn where_nothing_happens_any_more_it_falls_to_exact_silence() {
+    let mut live = live64(5);
+    ticks(&mut live, &busy(64), 375);
+    assert!(!live.cloud.is_silent());
+    let over = Settings {
+        rate: 0.0,
+        pushes: 0.0,
+        ..busy(64)
+    };
+    let rest = ticks(&mut live, &over, 300);
+    let last = rest
+        .iter()
+        .rposition(|frame| *frame != [0.0; 2])
+        .expect("it rings on");
+    println!("silent after {:.2} s", last as f64 / RATE);
+    assert!(live.cloud.is_silent());
+    // And in time nobody is there, and nothing is computed.
+    ticks(&mut live, &over, 600);
+    assert_eq!(live.keeper.bodies().count(), 0);
+    assert!(live.keeper.is_at_rest() && live.cloud.is_silent());
+}
+
+#[test]
+fn what_rings_fades_while_bubbles_come_go_and_move() {
+    for (seed, spacing) in [(1, 2.0), (2, 3.0), (3, 6.0)] {
+        let mut live: Live<Store128, 16> = Live::new(Store128::new(), seed);
+        let harsh = Settings {
+            radius_min: 0.5e-3,
+            radius_max: 12e-3,
+            spacing,
+            split: 0.5,
+            drift: 0.5,
+            pushes: 500.0,
+            ..busy(128)
+        };
+        let loud = level(&ticks(&mut live, &harsh, 1_500));
+        // The same births, and nothing that pushes them.
+        let mute = Settings {
+            pressure: 0.0,
+            pushes: 0.0,
+            ..harsh
+        };
+        let fades: Vec<f64> = (0..4)
+            .map(|_| level(&ticks(&mut live, &mute, 60)))
+            .collect();
+        println!("{loud:.1} dBFS, then every 0.16 s {fades:.1?}");
+        assert!(loud < -15.0 && fades[0] < loud);
+        assert!(
+            fades
+                .windows(2)
+                .all(|pair| pair[1] < pair[0] - 6.0 || pair[1] < -110.0)
+        );
     }
+}
+
+#[test]
+fn too_much_is_refused_and_nothing_runs_over() {
+    let mut live = live64(9);
+    let loud = Settings {
+        pressure: 2.0,
+        pushes: 1_000.0,
+        radius_min: 8e-3,
+        radius_max: 12e-3,
+        spacing: 2.0,
+        ..busy(64)
+    };
+    let sound = ticks(&mut live, &loud, 1_000);
+    let peak = sound
+        .iter()
+        .flatten()
+        .fold(0.0f64, |peak, x| peak.max(x.abs()));
+    println!("peak {peak:.1} Pa, {} forces refused", live.cloud.refused());
+    assert!(live.cloud.refused() > 0 && peak < 7.0);
+}
+
+#[test]
+fn coupling_brings_the_low_body_and_without_it_there_is_none() {
+    let low = |coupling: f32| {
+        let mut live = live64(6);
+        let settings = Settings {
+            coupling,
+            ..busy(64)
+        };
+        let sound = ticks(&mut live, &settings, 1_500);
+        // Two poles at 400 Hz.
+        let part = 1.0 - (-2.0 * std::f64::consts::PI * 400.0 / RATE).exp();
+        let (mut once, mut twice) = (0.0, 0.0);
+        let lows: Vec<[f64; 2]> = (sound.iter())
+            .map(|[left, right]| {
+                once += part * (left + right - once);
+                twice += part * (once - twice);
+                [twice, twice]
+            })
+            .collect();
+        level(&lows) - level(&sound)
+    };
+    let (without, with) = (low(0.0), low(1.0));
+    println!("below 400 Hz: {without:.1} dB of all without, {with:.1} dB with");
+    assert!(with > without + 6.0);
+}
+
+#[test]
+fn clusters_are_as_near_to_all_pairs_as_they_have_to_be() {
+    let mut errors = Vec::new();
+    for seed in 0..4 {
+        let mut live = live64(20 + seed);
+        let settings = Settings {
+            radius_min: 0.5e-3,
+            radius_max: 3e-3,
+            gamma: 1.0,
+            spacing: 9.0,
+            depth: 1.0,
+            ..busy(64)
+        };
+        ticks(&mut live, &settings, 800);
+        while !live.keeper.is_at_rest() {
+            ticks(&mut live, &settings, 1);
+        }
+        let (dense, clustered) = model::frequencies::<64>(live.keeper.bodies());
+        errors.extend(
+            dense
+                .iter()
+                .zip(&clustered)
+                .map(|(a, b)| (b / a - 1.0).abs()),
+        );
+    }
+    errors.sort_by(f64::total_cmp);
+    let mean = errors.iter().sum::<f64>() / errors.len() as f64;
+    let (most, worst) = (errors[errors.len() * 95 / 100], errors[errors.len() - 1]);
+    println!(
+        "mean {:.2} %, 95 % {:.2} %, worst {:.2} %",
+        100.0 * mean,
+        100.0 * most,
+        100.0 * worst
+    );
+    assert!(mean <= 0.006 && most <= 0.025 && worst <= 0.08);
+}
+
+/// Ticks of all births, from the first tick of a batch to its commit.
+#[test]
+fn a_batch_has_its_date() {
+    let mut live: Live<Store128, 16> = Live::new(Store128::new(), 8);
+    let (mut begun, mut longest) = (None, 0);
+    for now in 0..1_500 {
+        live.tick(&busy(128), |message, _| {
+            if message.slice.is_some() {
+                begun.get_or_insert(now);
+            }
+            if message.commit.is_some() {
+                longest = longest.max(now - begun.take().expect("it began") + 1);
+            }
+        });
+    }
+    println!("{longest} ticks");
+    assert_eq!(longest, 3);
 }

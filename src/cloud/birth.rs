@@ -175,7 +175,11 @@ impl Births {
 
     /// Pushes that are due in this tick.
     pub fn pushes(&mut self, settings: &Settings) -> u32 {
-        Self::count(&mut self.random, &mut self.next_push, settings.pushes * self.tick)
+        Self::count(
+            &mut self.random,
+            &mut self.next_push,
+            settings.pushes * self.tick,
+        )
     }
 
     fn count(random: &mut Random, next: &mut f32, mean: f32) -> u32 {
@@ -225,7 +229,10 @@ impl Births {
             let way = sign * (radii[0] + radii[1]) / 2.0;
             core::array::from_fn(|i| body.place[i] + way * away[i])
         };
-        let bodies = [Body::new(radii[0], place(1.0), now), Body::new(radii[1], place(-1.0), now)];
+        let bodies = [
+            Body::new(radii[0], place(1.0), now),
+            Body::new(radii[1], place(-1.0), now),
+        ];
         Some(bodies.map(|body| self.moving(body, settings)))
     }
 

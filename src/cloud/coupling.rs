@@ -50,7 +50,11 @@ impl<const K: usize> Core<K> {
         let most = root(|peer| peer.yields_most);
         if !self.holds(&most, k) {
             // No row of it sums up to more than this: a part of it is definite whatever the rest is (Gershgorin).
-            let row = |i: usize| (0..k).map(|j| most[i] * self.between[i][j].abs() * most[j]).sum();
+            let row = |i: usize| {
+                (0..k)
+                    .map(|j| most[i] * self.between[i][j].abs() * most[j])
+                    .sum()
+            };
             let largest = (0..k).map(row).fold(0.0, f32::max);
             let part = (1.0 - 2.0 * MARGIN) / largest;
             (self.between.iter_mut().flatten()).for_each(|between| *between *= part);

@@ -160,7 +160,8 @@ impl<const K: usize> Keeper<K> {
             add_place(&mut self.newborn, place);
             newborn = Some(other);
         }
-        let full = count + usize::from(newborn.is_some()) >= settings.bubbles.min(allowed * MEMBERS);
+        let full =
+            count + usize::from(newborn.is_some()) >= settings.bubbles.min(allowed * MEMBERS);
         let mut body = newborn.unwrap_or_else(|| self.births.body(settings, self.now));
         if newborn.is_none() {
             for _ in 1..LOOKS {
@@ -210,7 +211,9 @@ impl<const K: usize> Keeper<K> {
         // The next one that is there.
         let all = K * MEMBERS;
         let at = |n: usize| ((n / MEMBERS) % K, n % MEMBERS);
-        let Some(first) = (0..all).map(|n| self.next + n).find(|n| self.slots.get(at(*n)).is_some())
+        let Some(first) = (0..all)
+            .map(|n| self.next + n)
+            .find(|n| self.slots.get(at(*n)).is_some())
         else {
             return;
         };
@@ -240,7 +243,9 @@ impl<const K: usize> Keeper<K> {
 
     /// Lets the bubble at `place` ring out, if the audio path knows it.
     fn retire(&mut self, place: Place) {
-        let Some(body) = self.slots.take(place) else { return };
+        let Some(body) = self.slots.take(place) else {
+            return;
+        };
         if let Some((cluster, member)) = body.home {
             let spring = body.spring(self.births.step);
             let share = sqrt(body.radius) / sqrt(spring.mass);
@@ -286,7 +291,11 @@ impl<const K: usize> Keeper<K> {
             retired.from = from(Some((retired.from, member))).unwrap_or(NOBODY);
             retired.to = to;
         }
-        let used = self.slots.bodies().map(|((cluster, _), _)| cluster + 1).max();
+        let used = self
+            .slots
+            .bodies()
+            .map(|((cluster, _), _)| cluster + 1)
+            .max();
         let used = used.unwrap_or(1).max(allowed).min(K);
         self.groups = used.div_ceil(GROUP).max(1);
         self.commit.groups = self.groups;
@@ -357,8 +366,8 @@ impl<const K: usize> Keeper<K> {
             }
             let Some(place) = self.anybody() else { break };
             // While a cluster changes, the audio path still has the old one.
-            let changes = (self.commit.changed.iter())
-                .any(|changed| usize::from(changed.cluster) == place.0);
+            let changes =
+                (self.commit.changed.iter()).any(|changed| usize::from(changed.cluster) == place.0);
             if !changes || self.stage == Stage::Rest {
                 self.push_one(place, settings, message);
             }
@@ -366,7 +375,9 @@ impl<const K: usize> Keeper<K> {
     }
 
     fn push_one(&mut self, place: Place, settings: &Settings, message: &mut Message) {
-        let Some(body) = self.slots.get(place) else { return };
+        let Some(body) = self.slots.get(place) else {
+            return;
+        };
         let push = self.births.push(body, settings, STEPS_PER_TICK);
         // There is room: who asks has looked, or comes first.
         let _ = message.forces.push(force(place, &push));
@@ -406,12 +417,20 @@ impl<const K: usize> Keep for Keeper<K> {
         self.now = self.now.wrapping_add(1);
         self.untidy = self.untidy.saturating_add(1);
         let quiet = settings.rate == 0.0 && settings.pushes == 0.0;
-        self.idle = if quiet { self.idle.saturating_add(1) } else { 0 };
+        self.idle = if quiet {
+            self.idle.saturating_add(1)
+        } else {
+            0
+        };
         let forgotten = Settings {
             bubbles: 0,
             ..*settings
         };
-        let settings = if self.idle > FORGOTTEN { &forgotten } else { settings };
+        let settings = if self.idle > FORGOTTEN {
+            &forgotten
+        } else {
+            settings
+        };
         let due = self.births.due(settings);
         self.waiting = (self.waiting + due).min(WAITING);
         let news = |settings: &Settings| [settings.coupling, settings.depth, settings.width];
@@ -427,7 +446,11 @@ impl<const K: usize> Keep for Keeper<K> {
             Stage::Cluster(n) => {
                 message.slice = Some(self.cluster(n, settings));
                 let last = n + 1 == self.commit.changed.len();
-                self.stage = if last { Stage::Core } else { Stage::Cluster(n + 1) };
+                self.stage = if last {
+                    Stage::Core
+                } else {
+                    Stage::Cluster(n + 1)
+                };
             }
             Stage::Core => {
                 self.core(settings);

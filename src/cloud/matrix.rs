@@ -59,7 +59,7 @@ fn diagonalise(a: &mut Matrix) -> Matrix {
 #[inline(always)]
 fn turn_pair(a: &mut Matrix, turn: &mut Matrix, p: usize, q: usize) -> bool {
     /// Square of what is nothing beside the diagonal.
-    const NOTHING: f32 = 1e-11;
+    const NOTHING: f32 = 1e-9;
     let (app, aqq, apq) = (a[p][p], a[q][q], a[p][q]);
     if apq * apq <= NOTHING * app * aqq {
         return false;

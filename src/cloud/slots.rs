@@ -36,7 +36,10 @@ pub struct Look<const K: usize> {
 fn pair(a: &Body, b: &Body) -> (i32, f32) {
     let near = nearness(a, b);
     let radii = a.radius * b.radius;
-    ((radii * near * (1u64 << NEAR_BITS) as f32) as i32, radii * near * near)
+    (
+        (radii * near * (1u64 << NEAR_BITS) as f32) as i32,
+        radii * near * near,
+    )
 }
 
 impl<const K: usize> Slots<K> {
@@ -67,7 +70,8 @@ impl<const K: usize> Slots<K> {
 
     /// Who came first; of those that are not in the first `clusters`, if there are any.
     pub fn oldest(&self, clusters: usize, now: u32) -> Option<Place> {
-        let age = |(place, body): &(Place, &Body)| (place.0 >= clusters, now.wrapping_sub(body.born));
+        let age =
+            |(place, body): &(Place, &Body)| (place.0 >= clusters, now.wrapping_sub(body.born));
         self.bodies().max_by_key(age).map(|(place, _)| place)
     }
 
@@ -79,7 +83,10 @@ impl<const K: usize> Slots<K> {
     /// Whether `body` would stand inside another.
     pub fn overlaps(&self, body: &Body) -> bool {
         self.bodies().any(|(_, other)| {
-            let apart: f32 = (0..3).map(|i| body.place[i] - other.place[i]).map(|x| x * x).sum();
+            let apart: f32 = (0..3)
+                .map(|i| body.place[i] - other.place[i])
+                .map(|x| x * x)
+                .sum();
             let touch = body.radius + other.radius;
             apart < touch * touch
         })
@@ -138,7 +145,13 @@ impl<const K: usize> Slots<K> {
             Some((cluster, member))
         };
         let best = (0..clusters.min(K)).filter_map(free);
-        let place = best.reduce(|a, b| if look.belongs[b.0] > look.belongs[a.0] { b } else { a })?;
+        let place = best.reduce(|a, b| {
+            if look.belongs[b.0] > look.belongs[a.0] {
+                b
+            } else {
+                a
+            }
+        })?;
         self.put_looked(place, body, &look);
         Some((place, look))
     }
@@ -147,7 +160,13 @@ impl<const K: usize> Slots<K> {
     /// belongs to, where both together belong there more. Returns where it is then.
     pub fn improve(&mut self, place: Place, look: &Look<K>, clusters: usize) -> Option<Place> {
         let home = place.0;
-        let better = |a: usize, b: usize| if look.belongs[b] > look.belongs[a] { b } else { a };
+        let better = |a: usize, b: usize| {
+            if look.belongs[b] > look.belongs[a] {
+                b
+            } else {
+                a
+            }
+        };
         let to = (0..clusters.min(K)).reduce(better)?;
         let own = look.belongs[to] - look.belongs[home];
         if own < WORTHWHILE {
@@ -156,7 +175,10 @@ impl<const K: usize> Slots<K> {
         let body = *self.get(place)?;
         let mut best: Option<(f32, usize)> = None;
         for (i, other) in self.clusters[to].iter().enumerate() {
-            let gain = own + other.as_ref().map_or(0.0, |other| self.gain(other, (to, i), place, &body));
+            let gain = own
+                + other
+                    .as_ref()
+                    .map_or(0.0, |other| self.gain(other, (to, i), place, &body));
             if gain > best.map_or(WORTHWHILE, |(gain, _)| gain) {
                 best = Some((gain, i));
             }

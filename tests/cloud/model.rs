@@ -129,13 +129,21 @@ impl Cluster {
                 let (one, other) = (&members[i], &members[j]);
                 if one.there && other.there {
                     let m = coupling * (one.radius * other.radius).sqrt();
-                    let m = if i == j { 1.0 } else { m * nearness(one, other) };
+                    let m = if i == j {
+                        1.0
+                    } else {
+                        m * nearness(one, other)
+                    };
                     a[i][j] = m / (one.omega * other.omega);
                 }
             }
         }
         let turn = diagonalise(&mut a);
-        let mut cluster = Self { members, turn, ..Self::default() };
+        let mut cluster = Self {
+            members,
+            turn,
+            ..Self::default()
+        };
         for m in 0..8 {
             if a[m][m] <= 0.0 {
                 continue;
@@ -150,17 +158,24 @@ impl Cluster {
             cluster.yields += mode.share * mode.share;
             cluster.modes[m] = mode;
         }
-        cluster.radii = members.iter().filter(|one| one.there).map(|one| one.radius).sum();
+        cluster.radii = members
+            .iter()
+            .filter(|one| one.there)
+            .map(|one| one.radius)
+            .sum();
         cluster
     }
 
     /// y and v of each bubble.
     fn swings(&self) -> [[f64; 2]; 8] {
         let swing = |i: usize| {
-            self.modes.iter().enumerate().fold([0.0; 2], |[y, v], (m, mode)| {
-                let turn = self.turn[i][m] * mode.gauge;
-                [y + turn * mode.y, v + turn * mode.v]
-            })
+            self.modes
+                .iter()
+                .enumerate()
+                .fold([0.0; 2], |[y, v], (m, mode)| {
+                    let turn = self.turn[i][m] * mode.gauge;
+                    [y + turn * mode.y, v + turn * mode.v]
+                })
         };
         std::array::from_fn(swing)
     }
@@ -218,7 +233,13 @@ impl Model {
         for force in &message.forces {
             let place = (usize::from(force.cluster), usize::from(force.member));
             let push = f64::from(force.push) / 2f64.powi(51);
-            self.forces.push((u32::from(force.start), u32::from(force.steps), 1, place, push));
+            self.forces.push((
+                u32::from(force.start),
+                u32::from(force.steps),
+                1,
+                place,
+                push,
+            ));
         }
         let mut out = Vec::new();
         for _ in 0..64 {
@@ -236,7 +257,9 @@ impl Model {
             let frames = [0, 1].map(|ear| {
                 let x: Vec<f64> = (0..13).map(|n| bright(&self.raw[ear], n)).collect();
                 let window = &x[1..];
-                let half: f64 = (0..6).map(|k| TAPS[k] * (window[5 - k] + window[6 + k])).sum();
+                let half: f64 = (0..6)
+                    .map(|k| TAPS[k] * (window[5 - k] + window[6 + k]))
+                    .sum();
                 [window[5], half / 2f64.powi(31)]
             });
             out.push([frames[0][0], frames[1][0]]);
@@ -268,7 +291,11 @@ impl Model {
             *jump *= 1.0 - 1.0 / 32.0;
         }
         for (p, cluster) in self.clusters.iter_mut().enumerate() {
-            let drive: f64 = self.core[p].iter().zip(&self.sums).map(|(w, sum)| -w * sum).sum();
+            let drive: f64 = self.core[p]
+                .iter()
+                .zip(&self.sums)
+                .map(|(w, sum)| -w * sum)
+                .sum();
             for mode in &mut cluster.modes {
                 mode.v += mode.pull() + mode.share * drive;
                 mode.y += mode.v;
@@ -297,8 +324,11 @@ impl Model {
         for ((cluster, i), body) in bodies {
             members[cluster][i] = member(body);
         }
-        let changed: Vec<usize> =
-            commit.changed.iter().map(|changed| usize::from(changed.cluster)).collect();
+        let changed: Vec<usize> = commit
+            .changed
+            .iter()
+            .map(|changed| usize::from(changed.cluster))
+            .collect();
         let swings: Vec<_> = changed.iter().map(|p| self.clusters[*p].swings()).collect();
         for retired in &commit.retired {
             let (from, i) = (usize::from(retired.from) / 8, usize::from(retired.from) % 8);
@@ -314,7 +344,10 @@ impl Model {
                 let gauge = cluster.modes[m].gauge;
                 for i in 0..8 {
                     if change.from[i] != u8::MAX && gauge > 0.0 {
-                        let (from, j) = (usize::from(change.from[i]) / 8, usize::from(change.from[i]) % 8);
+                        let (from, j) = (
+                            usize::from(change.from[i]) / 8,
+                            usize::from(change.from[i]) % 8,
+                        );
                         cluster.modes[m].y += cluster.turn[i][m] * swings[from][j][0] / gauge;
                         cluster.modes[m].v += cluster.turn[i][m] * swings[from][j][1] / gauge;
                     }
@@ -322,8 +355,13 @@ impl Model {
             }
             let there = || cluster.members.iter().filter(|one| one.there);
             let moment: f64 = there().map(|one| one.radius * one.place[0]).sum();
-            let middle = if cluster.radii > 0.0 { moment / cluster.radii } else { 0.0 };
-            let place = 0.5 + 0.5 * f64::from(settings.width) * middle / f64::from(settings.extent());
+            let middle = if cluster.radii > 0.0 {
+                moment / cluster.radii
+            } else {
+                0.0
+            };
+            let place =
+                0.5 + 0.5 * f64::from(settings.width) * middle / f64::from(settings.extent());
             let place = place.clamp(0.0, 1.0);
             cluster.pan = [place, 1.0 - place].map(|place| (PI / 2.0 * place).cos());
             self.clusters[*p] = cluster;
@@ -371,7 +409,9 @@ impl Model {
             self.rows[ear] = (0..n)
                 .map(|q| {
                     let back: f64 = (0..n)
-                        .map(|p| self.clusters[p].pan[ear] * self.clusters[p].yields * self.core[p][q])
+                        .map(|p| {
+                            self.clusters[p].pan[ear] * self.clusters[p].yields * self.core[p][q]
+                        })
                         .sum();
                     self.clusters[q].pan[ear] - back
                 })
@@ -387,13 +427,71 @@ impl Model {
     }
 }
 
+/// Undamped frequencies with all pairs and in clusters, each in order, of bubbles that hear all of each other.
+pub fn frequencies<'a, const N: usize>(
+    bodies: impl Iterator<Item = (Place, &'a Body)>,
+) -> (Vec<f64>, Vec<f64>) {
+    let all: Vec<(usize, Member)> = bodies.map(|((p, _), body)| (p, member(body))).collect();
+    assert!(all.len() <= N);
+    let pair = |a: &Member, b: &Member| a.radius * b.radius * nearness(a, b);
+    let radii = |p: usize| {
+        all.iter()
+            .filter(|(q, _)| *q == p)
+            .map(|(_, one)| one.radius)
+            .sum::<f64>()
+    };
+    let between = |p: usize, q: usize| {
+        let here = || all.iter().filter(move |(c, _)| *c == p);
+        let near: f64 = here()
+            .map(|(_, a)| {
+                all.iter()
+                    .filter(|(c, _)| *c == q)
+                    .map(|(_, b)| pair(a, b))
+                    .sum::<f64>()
+            })
+            .sum();
+        near / (radii(p) * radii(q))
+    };
+    let clusters = all.iter().map(|(p, _)| *p).max().unwrap_or(0) + 1;
+    let core: Vec<Vec<f64>> = (0..clusters)
+        .map(|p| (0..clusters).map(|q| between(p, q)).collect())
+        .collect();
+    let solve = |clustered: bool| {
+        let mut a = [[0.0; N]; N];
+        for (i, (p, one)) in all.iter().enumerate() {
+            for (j, (q, other)) in all.iter().enumerate() {
+                let root = (one.radius * other.radius).sqrt();
+                let m = match i == j {
+                    true => 1.0,
+                    false if clustered && p != q => root * core[*p][*q],
+                    false => root * nearness(one, other),
+                };
+                a[i][j] = m / (one.omega * other.omega);
+            }
+        }
+        diagonalise(&mut a);
+        let mut found: Vec<f64> = (0..all.len())
+            .map(|i| 1.0 / a[i][i].sqrt() / (2.0 * PI))
+            .collect();
+        found.sort_by(f64::total_cmp);
+        found
+    };
+    (solve(false), solve(true))
+}
+
 /// Pitch (Hz) and decay (1/s) of `N` damped sinusoids in `sound`, none above `highest` Hz, the lowest first: linear
 /// prediction over where it is loud, by a fifth of a period.
 pub fn modes<const N: usize>(sound: &[f64], rate: f64, highest: f64) -> Vec<(f64, f64)> {
     let begin = (0..sound.len()).max_by(|a, b| sound[*a].abs().total_cmp(&sound[*b].abs()));
     let begin = begin.expect("a sound") + 96;
-    let floor = sound[begin..begin + 480].iter().fold(0.0f64, |peak, x| peak.max(x.abs())) * 1e-2;
-    let end = (begin..sound.len()).rev().find(|n| sound[*n].abs() > floor).expect("it is loud");
+    let floor = sound[begin..begin + 480]
+        .iter()
+        .fold(0.0f64, |peak, x| peak.max(x.abs()))
+        * 1e-2;
+    let end = (begin..sound.len())
+        .rev()
+        .find(|n| sound[*n].abs() > floor)
+        .expect("it is loud");
     let order = 2 * N;
     let lag = ((rate / (5.0 * highest)) as usize).max(1);
     let mut normal = vec![vec![0.0; order + 1]; order];
@@ -416,14 +514,20 @@ pub fn modes<const N: usize>(sound: &[f64], rate: f64, highest: f64) -> Vec<(f64
             }
         }
     }
-    let a: Vec<f64> = (0..order).map(|p| normal[p][order] / normal[p][p]).collect();
+    let a: Vec<f64> = (0..order)
+        .map(|p| normal[p][order] / normal[p][p])
+        .collect();
     // Roots of z^order − Σ a_k z^(order − k) (Durand and Kerner).
     type Complex = realfft::num_complex::Complex<f64>;
-    let mut roots: Vec<Complex> = (0..order).map(|k| Complex::new(0.4, 0.9).powu(k as u32)).collect();
+    let mut roots: Vec<Complex> = (0..order)
+        .map(|k| Complex::new(0.4, 0.9).powu(k as u32))
+        .collect();
     for _ in 0..500 {
         for i in 0..order {
             let z = roots[i];
-            let value = a.iter().fold(Complex::new(1.0, 0.0), |value, a| value * z - a);
+            let value = a
+                .iter()
+                .fold(Complex::new(1.0, 0.0), |value, a| value * z - a);
             let others = (0..order).filter(|j| *j != i).map(|j| z - roots[j]);
             let others: Complex = others.product();
             roots[i] -= value / others;
