@@ -42,8 +42,10 @@ const PUSHING: usize = 16;
 pub const ENERGY_MAX: f32 = 1.0e13;
 /// Of a jump, so much is left after a step: 2^-5 is lost.
 const SMOOTHING: u32 = 5;
-/// Where all of v is below this, and no mode is pulled at all, there is silence.
-const STILL: i64 = 8 << 32;
+/// Where all of v is below this, 1e-5 Pa of a bubble of 10 mm, there is silence.
+const STILL: i64 = 64 << 32;
+/// The same for what pulls at it.
+const SLACK: i32 = 2;
 
 /// Where a cloud lives: `C` clusters, one of them for bubbles that ring out; `D` is two more, and `R` the rows of the core.
 #[derive(Clone, Debug)]
@@ -410,11 +412,13 @@ impl<S: Hold> Cloud<S> {
         };
         let still = |mode: &Mode| {
             let speed = mode.wide_speed();
-            (-STILL..STILL).contains(&speed) && mode.pull() == 0
+            (-STILL..STILL).contains(&speed) && (-SLACK..=SLACK).contains(&mode.pull())
         };
         if !modes().all(still) {
             return;
         }
+        let before = self.ears();
+        let parts = self.store.parts();
         for cluster in parts.clusters.iter_mut().take(clusters) {
             for mode in &mut cluster.modes {
                 (mode.place, mode.speed) = (0, [0; 2]);
@@ -422,6 +426,9 @@ impl<S: Hold> Cloud<S> {
         }
         parts.sums.fill(0);
         parts.drive.fill(0);
+        for (jump, before) in self.jump.iter_mut().zip(before) {
+            *jump = jump.saturating_add(before);
+        }
         self.moves = false;
     }
 }

@@ -68,6 +68,8 @@ pub struct Keeper<const K: usize> {
     /// Ticks since bubbles were looked at for drift, and which cluster is next.
     untidy: u32,
     next: usize,
+    /// Bubbles in a row that are where they belong.
+    content: usize,
     /// Ticks without births and pushes.
     idle: u32,
     /// What bubbles were worked out with, and how many looks it takes until all have heard of a change.
@@ -93,6 +95,7 @@ impl<const K: usize> Keeper<K> {
             ring_out: 0,
             untidy: 0,
             next: 0,
+            content: 0,
             idle: 0,
             heard: Settings::NONE,
             deaf: 0,
@@ -136,8 +139,7 @@ impl<const K: usize> Keeper<K> {
         } else if self.waiting > 0 && allowed > 0 {
             self.waiting -= 1;
             self.bear(settings, allowed, count);
-        } else if self.untidy >= TIDY && count > 0 && (settings.drift > 0.0 || self.deaf > 0) {
-            self.deaf = self.deaf.saturating_sub(1);
+        } else if count > 0 && (self.content < count || self.deaf > 0 || settings.drift > 0.0) {
             self.tidy(settings, allowed);
         }
     }
@@ -152,32 +154,22 @@ impl<const K: usize> Keeper<K> {
             let parent = self.slots.get(place)?;
             self.births.split(parent, settings, self.now)
         });
-        let mut newborn = None;
         if let (Some(place), Some([one, other])) = (parent, children) {
-            self.retire(place);
-            add(&mut batch, place.0);
-            self.slots.put(place, one);
-            add_place(&mut self.newborn, place);
-            newborn = Some(other);
+            return self.part(place, one, other, settings, allowed, count);
         }
-        let full =
-            count + usize::from(newborn.is_some()) >= settings.bubbles.min(allowed * MEMBERS);
-        let mut body = newborn.unwrap_or_else(|| self.births.body(settings, self.now));
-        if newborn.is_none() {
-            for _ in 1..LOOKS {
-                if !self.slots.overlaps(&body) {
-                    break;
-                }
-                self.births.elsewhere(&mut body, settings);
+        let mut body = self.births.body(settings, self.now);
+        for _ in 1..LOOKS {
+            if !self.slots.overlaps(&body) {
+                break;
             }
+            self.births.elsewhere(&mut body, settings);
         }
+        let full = count >= settings.bubbles.min(allowed * MEMBERS);
         if full && let Some(oldest) = self.slots.oldest(allowed, self.now) {
-            // A child takes the place of the oldest: there is no room for a third cluster.
             self.retire(oldest);
             add(&mut batch, oldest.0);
-            if newborn.is_some() || oldest.0 >= allowed {
-                self.slots.put(oldest, body);
-                add_place(&mut self.newborn, oldest);
+            if oldest.0 >= allowed {
+                // There is no room for a third cluster.
                 return self.begin(batch, allowed);
             }
         }
@@ -195,6 +187,45 @@ impl<const K: usize> Keeper<K> {
         self.begin(batch, allowed);
     }
 
+    /// Two bubbles in the place of one. They hear each other most of all, so that they stay in one cluster; where that is
+    /// full, or all are, its oldest makes room.
+    fn part(
+        &mut self,
+        place: Place,
+        one: Body,
+        other: Body,
+        settings: &Settings,
+        allowed: usize,
+        count: usize,
+    ) {
+        let mut batch = Batch::new();
+        add(&mut batch, place.0);
+        self.retire(place);
+        self.slots.put(place, one);
+        add_place(&mut self.newborn, place);
+        let members = &self.slots.clusters[place.0];
+        let free = members.iter().position(Option::is_none);
+        let full = count >= settings.bubbles.min(allowed * MEMBERS);
+        let room = free.filter(|_| !full).or_else(|| {
+            let age = |(i, body): (usize, &Option<Body>)| {
+                let age = self.now.wrapping_sub(body.as_ref()?.born);
+                (i != place.1).then_some((age, i))
+            };
+            members
+                .iter()
+                .enumerate()
+                .filter_map(age)
+                .max()
+                .map(|(_, i)| i)
+        });
+        if let Some(i) = room.or(free) {
+            self.retire((place.0, i));
+            self.slots.put((place.0, i), other);
+            add_place(&mut self.newborn, (place.0, i));
+        }
+        self.begin(batch, allowed);
+    }
+
     /// One bubble less.
     fn retire_oldest(&mut self, allowed: usize, mut batch: Batch) {
         if let Some(oldest) = self.slots.oldest(allowed, self.now) {
@@ -204,29 +235,37 @@ impl<const K: usize> Keeper<K> {
         self.begin(batch, allowed);
     }
 
-    /// Follows a bubble to where it has drifted, and lets it change places.
+    /// The bubble whose turn it is changes places, if that is better; now and then it first goes where it has drifted.
     fn tidy(&mut self, settings: &Settings, allowed: usize) {
-        self.untidy = 0;
-        let (tick, extent) = (self.births.tick, settings.extent());
-        // The next one that is there.
         let all = K * MEMBERS;
         let at = |n: usize| ((n / MEMBERS) % K, n % MEMBERS);
-        let Some(first) = (0..all)
-            .map(|n| self.next + n)
-            .find(|n| self.slots.get(at(*n)).is_some())
-        else {
+        let turns = (0..all).map(|n| (self.next + n) % all);
+        let Some(turn) = turns.into_iter().find(|n| self.slots.get(at(*n)).is_some()) else {
             return;
         };
-        self.next = (first + 1) % all;
-        let place = at(first);
+        self.next = (turn + 1) % all;
+        self.content += 1;
+        let place = at(turn);
         let mut batch = Batch::new();
-        add(&mut batch, place.0);
-        if let Some(mut body) = self.slots.take(place) {
-            body.drift_on(self.now, tick, extent, settings.depth);
-            let look = self.slots.put(place, body);
-            if let Some(better) = self.slots.improve(place, &look, allowed) {
-                add(&mut batch, better.0);
-            }
+        let look = if self.untidy >= TIDY && (settings.drift > 0.0 || self.deaf > 0) {
+            self.untidy = 0;
+            self.deaf = self.deaf.saturating_sub(1);
+            add(&mut batch, place.0);
+            let Some(mut body) = self.slots.take(place) else {
+                return;
+            };
+            let extent = settings.extent();
+            body.drift_on(self.now, self.births.tick, extent, settings.depth);
+            self.slots.put(place, body)
+        } else {
+            let Some(look) = self.slots.look_around(place) else {
+                return;
+            };
+            look
+        };
+        if let Some(better) = self.slots.improve(place, &look, allowed) {
+            add(&mut batch, place.0);
+            add(&mut batch, better.0);
         }
         self.begin(batch, allowed);
     }
@@ -271,6 +310,7 @@ impl<const K: usize> Keeper<K> {
             let place = batch.iter().position(|changed| *changed == cluster)?;
             Some((place * MEMBERS) as u8 + member)
         };
+        self.content = 0;
         self.commit.changed.clear();
         for cluster in &batch {
             let mut changed = Changed {

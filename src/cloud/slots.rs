@@ -11,7 +11,7 @@ use crate::kernel::cloud::MEMBERS;
 /// Bits of the sums between clusters, m.
 const NEAR_BITS: u32 = 30;
 /// What two bubbles have to gain by changing places, sum of M_ij².
-const WORTHWHILE: f32 = 0.02;
+const WORTHWHILE: f32 = 0.005;
 
 /// A place: cluster, and which of its members.
 pub type Place = (usize, usize);
@@ -106,6 +106,14 @@ impl<const K: usize> Slots<K> {
             }
         }
         look
+    }
+
+    /// What the bubble at `place` hears of the others.
+    pub fn look_around(&mut self, place: Place) -> Option<Look<K>> {
+        let body = self.clusters[place.0][place.1].take()?;
+        let look = self.look(&body);
+        self.clusters[place.0][place.1] = Some(body);
+        Some(look)
     }
 
     fn count_in(&mut self, cluster: usize, look: &Look<K>, sign: i32) {
