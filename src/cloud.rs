@@ -170,8 +170,12 @@ impl<S: Hold> Cloud<S> {
         if let Some(commit) = &message.commit {
             self.commit(commit);
         }
-        for force in &message.forces {
-            self.push(force);
+        if !message.forces.is_empty() {
+            let mut energy = self.energy();
+            for force in &message.forces {
+                energy += force.energy;
+                self.push(force, energy);
+            }
         }
     }
 
@@ -322,10 +326,9 @@ impl<S: Hold> Cloud<S> {
         }
     }
 
-    /// Begins a force, if there is energy to spare for it.
-    fn push(&mut self, force: &Force) {
-        let fits = usize::from(force.cluster) < self.groups * GROUP
-            && self.energy() + force.energy < ENERGY_MAX;
+    /// Begins a force, if the `energy` that there will be leaves room for it.
+    fn push(&mut self, force: &Force, energy: f32) {
+        let fits = usize::from(force.cluster) < self.groups * GROUP && energy < ENERGY_MAX;
         let pushing = Pushing {
             force: *force,
             wait: u32::from(force.start),

@@ -4,7 +4,7 @@ use core::f32::consts::PI;
 
 use super::matrix::{Spring, UNIT};
 use crate::bubble::{Bubble, RHO};
-use crate::frame::TICK;
+use crate::frame::{BLOCK, TICK};
 use crate::random::Random;
 
 /// No bubble of a cloud is higher than this part of the cloud's rate.
@@ -282,7 +282,9 @@ impl Births {
     pub fn push(&mut self, body: &Body, settings: &Settings, steps_per_tick: usize) -> Push {
         let draw = self.random.uniform();
         let mut push = Push::new(body, settings.pressure * draw * draw, self.step);
-        push.start = self.below(steps_per_tick - usize::from(push.steps)) as u8;
+        // In the first block there may be a commit: enough to do.
+        let last = steps_per_tick - usize::from(push.steps);
+        push.start = (BLOCK / 2 + self.below(last - BLOCK / 2)) as u8;
         push
     }
 }

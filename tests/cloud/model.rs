@@ -1,4 +1,5 @@
 //! The cloud's algorithm once more, in f64 and in its own words: what the core computes in f32 and plays in fixed point.
+#![allow(clippy::needless_range_loop, reason = "matrices read as in the books")]
 
 use std::f64::consts::PI;
 
