@@ -22,12 +22,16 @@
 @ From the hit's frame, in the upper bits of r5, the words that enter the loop; r6 right  r7 left  r11 first  lr second
 @ r2 stream  r4 what the last one left, at first as after frame \at.
     .macro  enter_circle shift
-    lsr     r5, r5, #\shift
-    add     r5, r5, r5, lsl #3
-    ldr     r8, =freshet_circle_hit
-    add     r8, r8, r5, lsl #2
-    sub     r5, r4, r5, lsl #2
-    mov     r4, r8
+    lsr     r8, r5, #\shift
+    add     r8, r8, r8, lsl #3
+    sub     r5, r4, r8, lsl #2
+    ldr     r4, =freshet_circle_hit
+    add     r4, r4, r8, lsl #2
+    stm     r2!, {{r5, r6, r7, r11, lr}}
+    .endm
+@ The same for the end of a block.
+    .macro  end_circle
+    sub     r5, r4, #31 * CIRCLE_FRAME
     stm     r2!, {{r5, r6, r7, r11, lr}}
     .endm
     .macro  first_circle at
@@ -50,8 +54,7 @@
     ldr     r7, [r12, #28]
     .endm
 
-    .macro  enter_direct shift
-    lsr     r5, r5, #\shift
+    .macro  place_direct
     sub     r8, r5, r4
     mov     r4, r5
     lsr     r9, r8, #1
@@ -63,6 +66,14 @@
     ldrne   r9, =freshet_direct_odd
     strne   r9, [r2], #4
     stm     r2!, {{r5, r6, r7, r11, lr}}
+    .endm
+    .macro  enter_direct shift
+    lsr     r5, r5, #\shift
+    place_direct
+    .endm
+    .macro  end_direct
+    mov     r5, #31
+    place_direct
     .endm
     .macro  first_direct at
     mov     r4, #\at
@@ -331,12 +342,11 @@ freshet_strike_\form:
     ldr     r7, [r12, #SOURCE]
     sub     r8, r8, r3
     ldr     r9, [r7, #12]
-    mov     r5, #31 << 27
     sub     r9, r9, r8
     str     r9, [r7, #12]
     mov     r11, #END
     add     lr, sp, #HOME
-    enter_\form 27
+    end_\form
     ldr     r0, [r12, #OUT]
     ldrd    r12, r1, [r12]
     str     r12, [sp, #HOME]
@@ -495,7 +505,10 @@ freshet_direct_odd:
 
     .purgem enter_circle
     .purgem first_circle
+    .purgem place_direct
     .purgem enter_direct
+    .purgem end_circle
+    .purgem end_direct
     .purgem first_direct
     .purgem registers_circle
     .purgem registers_direct
