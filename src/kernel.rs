@@ -106,15 +106,13 @@ pub struct Drawn {
 }
 
 impl Source {
-    /// With the generator's first number to come.
-    pub fn new(random: Random) -> Self {
-        Self {
-            random,
-            left: 0,
-            room: 0,
-            drawn: [[0; 2]; DRAWN + 1],
-        }
-    }
+    /// Without a seed.
+    pub const OFF: Self = Self {
+        random: Random::OFF,
+        left: 0,
+        room: 0,
+        drawn: [[0; 2]; DRAWN + 1],
+    };
 
     /// Draws the next births of a class in this block and sets its clock for the one after them. Those whose random
     /// number is below `silent_below` are not listed.

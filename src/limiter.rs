@@ -59,6 +59,22 @@ struct Gain {
 }
 
 impl Limiter {
+    /// One that lets nothing through, until another takes its place.
+    pub const OFF: Self = Self {
+        delay: [([Frame::ZERO; BLOCK], Loudness::Silent); BLOCKS],
+        at: 0,
+        gain: Gain {
+            now: 0,
+            fall: 0,
+            wanted: [0; 2],
+            loudest: 0,
+            stretch: 0,
+            mean: 0,
+            fast: 0,
+            slow: 0,
+        },
+    };
+
     /// At rest.
     pub fn new(sample_rate: f64) -> Self {
         let pole = |seconds: f64| to_fixed(-libm::expm1(-1.0 / (seconds * sample_rate)), 32);

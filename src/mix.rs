@@ -80,9 +80,9 @@ struct Glide {
 }
 
 impl Glide {
-    fn at(target: i32) -> Self {
+    const fn at(target: i32) -> Self {
         Self {
-            now: i64::from(target) << 16,
+            now: (target as i64) << 16,
             step: 0,
             target,
             left: 0,
@@ -204,6 +204,20 @@ pub struct Mix {
 }
 
 impl Mix {
+    /// One that lets nothing through, until another takes its place.
+    pub const OFF: Self = Self {
+        output: Output::Raw,
+        level: Glide::at(0),
+        low: Glide::at(0),
+        high: Glide::at(0),
+        corners: Corners { dc: 0, tone: 0 },
+        limiting: false,
+        ears: [Ear { mean: 0, low: 0 }; 2],
+        limiter: Limiter::OFF,
+        random: Random::OFF,
+        silence: 0,
+    };
+
     /// A mix at rest, already at its settings.
     pub fn new(output: Output, seed: u64, settings: &Settings, sample_rate: f64) -> Self {
         Self {

@@ -270,22 +270,31 @@ pub struct Population {
 }
 
 impl Population {
-    /// A silent population at `sample_rate` Hz; `births_per_block` bounds the work of a block.
-    pub fn new(seed: u64, births_per_block: u32, sample_rate: f64) -> Self {
-        let mut random = Random::new(seed, Stream::Population);
-        Self {
-            clock: [(); CLASSES].map(|()| Flow::NONE.stroke.gap(random.bits())),
-            scale: [Flow::NONE.scale; CLASSES],
-            source: Source::new(random),
-            banks: [Bank::SILENT; 2],
-            tables: [Table::SILENT; 2],
-            live: 0,
-            births_per_block,
-            hurry: to_fixed(2.0 * RETIRED_DECAY / sample_rate, 32),
-            swing: 0,
-            flows: false,
-            hits: Hits::new(),
+    /// As it is before it starts. All of it is zero, so that a board need not keep it in flash.
+    pub const SILENT: Self = Self {
+        clock: [0; CLASSES],
+        scale: [0; CLASSES],
+        source: Source::OFF,
+        banks: [Bank::SILENT; 2],
+        tables: [Table::SILENT; 2],
+        live: 0,
+        births_per_block: 0,
+        hurry: 0,
+        swing: 0,
+        flows: false,
+        hits: Hits::new(),
+    };
+
+    /// Starts a silent one at `sample_rate` Hz; `births_per_block` bounds the work of a block.
+    pub fn start(&mut self, seed: u64, births_per_block: u32, sample_rate: f64) {
+        let random = &mut self.source.random;
+        *random = Random::new(seed, Stream::Population);
+        for clock in &mut self.clock {
+            *clock = Flow::NONE.stroke.gap(random.bits());
         }
+        self.scale = [Flow::NONE.scale; CLASSES];
+        self.births_per_block = births_per_block;
+        self.hurry = to_fixed(2.0 * RETIRED_DECAY / sample_rate, 32);
     }
 
     /// Counts on by new settings, which are then rendered with.
@@ -424,7 +433,8 @@ where
                 break;
             }
             let tuning = &table.tuning[k];
-            let pair = k + 1 < settings.classes
+            let pair = CROSSOVER.is_some()
+                && k + 1 < settings.classes
                 && settings.is_dense(k)
                 && settings.is_dense(k + 1)
                 && tuning.form == table.tuning[k + 1].form;

@@ -96,7 +96,7 @@ impl Tuning {
         step: 0,
         decay: 0,
         floor: 0,
-        swing: 8,
+        swing: 0,
     };
 
     /// The resonator of a bubble of `radius` metres at `rate` Hz.
@@ -245,7 +245,7 @@ impl Resonator {
 }
 
 /// One bubble's strike.
-#[derive(Clone, Copy, Debug, Default)]
+#[derive(Clone, Copy, Debug)]
 #[repr(C)]
 pub struct Impulse {
     /// Pressure in the right ear, Q28 of a pascal.
@@ -256,6 +256,16 @@ pub struct Impulse {
     pub first: i32,
     /// The second one.
     pub second: i32,
+}
+
+impl Impulse {
+    /// No bubble.
+    pub const NONE: Self = Self {
+        right: 0,
+        left: 0,
+        first: 0,
+        second: 0,
+    };
 }
 
 /// What is added to the four words after one sample, Q32.32 of bus units.

@@ -82,7 +82,7 @@ struct Walk {
 }
 
 /// After how many frames, in the upper 6 bits, and what; a `first` of `i32::MIN` is the end.
-#[derive(Clone, Copy, Debug, Default)]
+#[derive(Clone, Copy, Debug)]
 #[repr(C)]
 struct Hit {
     frames: u32,
@@ -102,9 +102,12 @@ pub struct Hits {
 
 impl Hits {
     /// None.
-    pub fn new() -> Self {
+    pub const fn new() -> Self {
         Self {
-            list: [Hit::default(); DRAWN + 1],
+            list: [Hit {
+                frames: 0,
+                impulse: Impulse::NONE,
+            }; DRAWN + 1],
             count: 0,
             done: 0,
             asked: 0,
@@ -151,7 +154,7 @@ pub fn ring(
 ) -> u32 {
     let end = Impulse {
         first: i32::MIN,
-        ..Impulse::default()
+        ..Impulse::NONE
     };
     let to = if whole { BLOCK } else { hits.asked };
     hits.push(to.wrapping_sub(1), end);

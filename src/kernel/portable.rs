@@ -19,9 +19,9 @@ pub struct Hits {
 
 impl Hits {
     /// None.
-    pub fn new() -> Self {
+    pub const fn new() -> Self {
         Self {
-            list: [(0, Impulse::default()); DRAWN],
+            list: [(0, Impulse::NONE); DRAWN],
             count: 0,
             done: 0,
         }
