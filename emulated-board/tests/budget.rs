@@ -120,13 +120,17 @@ fn all_other_scenes_are_played_in_time_and_control_is_always() {
 
 #[test]
 fn the_stack_has_room_and_stands_where_it_cannot_run_into_anything() {
-    let mut board = board(&[("surf", scene("surf"))], 1, unhurried());
+    let scenes = [("surf", scene("surf")), ("river", scene("river"))];
+    let mut board = board(&scenes, 1, unhurried());
     board.run(START + Duration::from_secs(1)).expect("it runs");
+    // Another scene is read while the first one plays.
+    board.button(true).expect("it is pressed");
+    board.run(Duration::from_secs(1)).expect("it runs");
     // The first word of the vectors; below the stack there is nothing.
     let first = board.read(0x0800_0000, 4).expect("it is flash");
     let start = u32::from_le_bytes(first.try_into().expect("a word"));
     let end = 0x2000_0000;
-    assert_eq!(start, 0x2001_8000);
+    assert_eq!(start, 0x2000_8000);
     let stack = board
         .read(end, (start - end) as usize)
         .expect("it is memory");

@@ -6,8 +6,8 @@ const PAINT: u32 = 0xc0de_ca5e;
 const MARGIN: usize = 256;
 
 unsafe extern "C" {
-    static mut _stack_end: u32;
-    static mut _stack_start: u32;
+    pub static mut _stack_end: u32;
+    pub static mut _stack_start: u32;
 }
 
 /// Paints the unused part of the stack.
