@@ -48,7 +48,7 @@ struct Ramp {
 
 impl Ramp {
     /// Arrived.
-    fn at(value: f32) -> Self {
+    const fn at(value: f32) -> Self {
         Self {
             now: value,
             from: value,
@@ -130,30 +130,45 @@ const TUNING: [usize; 4] = [
 const MIXING: [usize; 3] = [param::LEVEL, param::TONE, param::LIMITER];
 
 impl Control {
+    /// As it is before it starts. All of it is zero, so that a board need not keep it in flash.
+    pub const OFF: Self = Self {
+        sample_rate: 0.0,
+        max_rate: 0.0,
+        ramps: [Ramp::at(0.0); COUNT],
+        curves: Vec::new(),
+        swell: Swell::OFF,
+        height: 0.0,
+        settled: 0,
+        drops: Drops::OFF,
+        tuner: Tuner::OFF,
+        drive: Drive::NONE,
+        version: 0,
+        mixed: ([0.0; 3], 0.0),
+        triggers: Deque::new(),
+        muted: false,
+        gain: 0.0,
+    };
+
     /// Playing `scene` at `sample_rate` Hz with at most `max_rate` births a second.
     pub fn new(scene: &Scene, sample_rate: u32, max_rate: f32, seed: u64) -> Self {
-        let sample_rate = f64::from(sample_rate);
-        let mut control = Self {
-            sample_rate: sample_rate as f32,
-            max_rate,
-            swell: Swell::new(seed),
-            height: 0.0,
-            settled: 0,
-            drops: Drops::new(seed, sample_rate),
-            tuner: Tuner::new(sample_rate),
-            ramps: TABLE.each_ref().map(|param| Ramp::at(param.default)),
-            curves: Vec::new(),
-            drive: Drive::NONE,
-            version: 1,
-            mixed: ([0.0; 3], 1.0),
-            triggers: Deque::new(),
-            muted: false,
-            gain: 1.0,
-        };
-        control.ramps = control.take(scene).map(Ramp::at);
-        (control.tuner).begin(control.radii(), control.at(param::RISE_FACTOR));
-        control.mixed = control.mixing();
+        let mut control = Self::OFF;
+        control.start(scene, sample_rate, max_rate, seed);
         control
+    }
+
+    /// The same in place: on a board no stack would hold it on the way.
+    pub fn start(&mut self, scene: &Scene, sample_rate: u32, max_rate: f32, seed: u64) {
+        let rate = f64::from(sample_rate);
+        self.sample_rate = rate as f32;
+        self.max_rate = max_rate;
+        self.swell = Swell::new(seed);
+        self.drops = Drops::new(seed, rate);
+        self.ramps = self.take(scene).map(Ramp::at);
+        let (radii, rise_factor) = (self.radii(), self.at(param::RISE_FACTOR));
+        self.tuner.start(radii, rise_factor, rate);
+        self.version = 1;
+        self.gain = 1.0;
+        self.mixed = self.mixing();
     }
 
     /// The value a parameter is at now.

@@ -15,7 +15,8 @@ use crate::voices::{Start, Strike, Voices};
 #[derive(Clone, Debug)]
 pub struct Synth<P: Profile> {
     population: Population,
-    voices: Voices<P::Voices>,
+    /// None before the start.
+    voices: Option<Voices<P::Voices>>,
     mix: Mix,
     stats: Stats,
     frame: u64,
@@ -24,21 +25,32 @@ pub struct Synth<P: Profile> {
 }
 
 impl<P: Profile> Synth<P> {
+    /// As it is before it starts. All of it is zero, so that a board need not keep it in flash.
+    pub const OFF: Self = Self {
+        population: Population::SILENT,
+        voices: None,
+        mix: Mix::OFF,
+        stats: Stats::NONE,
+        frame: 0,
+        next_strike: 0,
+    };
+
     /// A silent instrument that starts with the settings of `control`.
     pub fn new(seed: u64, output: Output, control: &Control, sample_rate: u32) -> Self {
+        let mut synth = Self::OFF;
+        synth.start(seed, output, control, sample_rate);
+        synth
+    }
+
+    /// The same in place: on a board no stack would hold it on the way.
+    pub fn start(&mut self, seed: u64, output: Output, control: &Control, sample_rate: u32) {
         let sample_rate = f64::from(sample_rate);
-        let mut population = Population::new(seed, P::BIRTHS_PER_BLOCK, sample_rate);
+        (self.population).start(seed, P::BIRTHS_PER_BLOCK, sample_rate);
         for slice in control.slices() {
-            population.tune(&slice);
+            self.population.tune(&slice);
         }
-        Self {
-            population,
-            voices: Voices::new(P::voices()),
-            mix: Mix::new(output, seed, &control.mix(), sample_rate),
-            stats: Stats::default(),
-            frame: 0,
-            next_strike: 0,
-        }
+        self.voices = Some(Voices::new(P::voices()));
+        self.mix = Mix::new(output, seed, &control.mix(), sample_rate);
     }
 
     /// Takes what a tick of the control path changed, before the tick's first block. From here on the update is in
@@ -56,7 +68,9 @@ impl<P: Profile> Synth<P> {
 
     /// Sounds a single bubble, counted from the next block's first frame.
     pub fn strike<O: Observer>(&mut self, strike: &Strike, observer: &mut O) {
-        let stats = &mut self.stats;
+        let (Some(voices), stats) = (&mut self.voices, &mut self.stats) else {
+            return;
+        };
         stats.births = stats.births.wrapping_add(1);
         stats.events = stats.events.wrapping_add(1);
         let path = if !strike.pitch.sounds() {
@@ -64,7 +78,7 @@ impl<P: Profile> Synth<P> {
             Path::TooHigh
         } else {
             let voice = strike.pitch.start(strike.age, strike.delay, strike.gain);
-            match self.voices.start(voice) {
+            match voices.start(voice) {
                 Start::Sounds => Path::Voice,
                 Start::Stole => {
                     stats.stolen = stats.stolen.wrapping_add(1);
@@ -105,6 +119,7 @@ impl<P: Profile> Synth<P> {
             stats,
             ..
         } = self;
+        let Some(voices) = voices else { return };
         population.render(&update.water, self.frame, voices, stats, observer, block);
         if voices.sounding() > 0 {
             // Each source keeps itself within the bus; together they might pass it.
@@ -127,12 +142,12 @@ impl<P: Profile> Synth<P> {
 
     /// Voices sounding now.
     pub fn voices(&self) -> usize {
-        self.voices.sounding()
+        self.voices.as_ref().map_or(0, Voices::sounding)
     }
 
     /// Whether no bubble rings.
     pub fn is_silent(&self) -> bool {
-        self.voices.sounding() == 0 && self.population.is_silent()
+        self.voices() == 0 && self.population.is_silent()
     }
 
     /// Frames rendered.

@@ -4,10 +4,10 @@
 use core::f32::consts::LOG2_E;
 
 use super::tuner::{Radii, UnitImpulse};
-use super::{CLASS_MAX_PA, CLASSES, CROSSOVER, CROWD, Crowd, Flow};
+use super::{CLASS_MAX_PA, CLASSES, CROSSOVER, CROWD, Crowd};
 use crate::fixed::{exp2_neg, neg_log2, pan, reciprocal};
 use crate::frame::BLOCK;
-use crate::kernel::{ALL_STILL, Stroke};
+use crate::kernel::{ALL_STILL, Flow, Stroke};
 use crate::random::Random;
 use crate::resonator::STRIKES_MAX;
 
@@ -98,7 +98,8 @@ impl Settings {
     /// The crowd of a class, where it is one.
     #[inline(always)]
     pub(super) fn crowd(&self, k: usize) -> Option<&Crowd> {
-        self.crowds.get(usize::from(self.flow[k].crowd))
+        self.crowds
+            .get((self.flow[k].crowd as usize).wrapping_sub(1))
     }
 
     /// Whether a class's births are gathered before its resonator runs.
@@ -152,9 +153,9 @@ impl Settings {
             let crowd = births * (1.0 - risen);
             if crowd > CROWD * BLOCK as f32 && crowds < self.crowds.len() {
                 *flow = Flow::new(births * risen, pressure, &impulses[k], &self.law);
-                flow.crowd = crowds as u8;
                 self.crowds[crowds] = Crowd::new(crowd, pressure, &still, &impulses[k]);
                 crowds += 1;
+                flow.crowd = crowds as u32;
             } else {
                 *flow = Flow::new(births, pressure, &impulses[k], &self.law);
                 if impulses[k].step != 0 {
@@ -296,7 +297,7 @@ impl Flow {
                 coarse: 26u32.saturating_sub(scale),
             },
             scale: scale as u8,
-            crowd: Self::ALONE,
+            crowd: 0,
             // Down to 2^-28 Pa.
             inaudible: if grown == 0 {
                 0
