@@ -633,8 +633,7 @@ where
         let gain = gain.map(|gain| gain.min(i32::MAX as u64) as i32);
         let age = (1 << 27) - (position & 0x07ff_ffff);
         let delay = (position >> 27) + 1;
-        let voice = self.table.pitch[k].start(age, delay, gain);
-        let start = self.voices.start(voice);
+        let start = self.voices.start(&self.table.pitch[k], delay, age, gain);
         let stats = &mut *self.stats;
         stats.rising = stats.rising.wrapping_add(1);
         stats.stolen = stats.stolen.wrapping_add(u64::from(start == Start::Stole));
