@@ -9,11 +9,15 @@ mod cortex_m;
 mod portable;
 
 #[cfg(dsp)]
+use cortex_m::scale;
+#[cfg(dsp)]
 pub use cortex_m::{Ears, play, sing};
 #[cfg(not(dsp))]
 pub use portable::{Ears, play, sing};
 
-use crate::fixed::{high, mul_high_down};
+#[cfg(not(dsp))]
+use crate::fixed::mul_high as scale;
+use crate::fixed::{high, mul_high_down, sine};
 use crate::frame::BLOCK;
 
 /// An envelope (Q31) below this is past the soft attack, which HF (39) ends at 0.85: 217/256, which fits in an
@@ -115,5 +119,14 @@ impl Run {
     pub fn turn(&mut self) {
         self.phase = self.phase.wrapping_add(self.step);
         self.step = self.step.wrapping_add(self.slope);
+    }
+
+    /// A sample of both ears with the envelope as `shape`, Q26; then on to the next sample.
+    #[inline(always)]
+    pub fn next(&mut self, shape: i32) -> [i32; 2] {
+        let swing = scale(sine(self.phase), shape) << 8;
+        self.turn();
+        self.envelope += scale(self.envelope, self.decay);
+        self.gain.map(|gain| scale(swing, gain))
     }
 }

@@ -3,7 +3,7 @@
 use core::ops::Range;
 
 use super::STEAL_FADE;
-use crate::fixed::{high, mul_high, sine, soft_attack};
+use crate::fixed::{high, mul_high, soft_attack};
 use crate::frame::BLOCK;
 use crate::kernel::voice::{ATTACK_END, Ears, PLAIN_MAX, Run, Tone, sing};
 use crate::resonator::PITCH_LIMIT;
@@ -15,6 +15,9 @@ pub const RISE_FADE: f64 = 0.42;
 pub const ENVELOPE_FLOOR: u32 = 1 << (31 - 17);
 const EDGE_START: u32 = (RISE_FADE * 4_294_967_296.0) as u32;
 const EDGE_END: u32 = (PITCH_LIMIT * 4_294_967_296.0) as u32;
+
+/// All of what [`to_edge`] gives.
+const EDGE_FULL: i32 = (1 << 27) - 1;
 
 /// One sounding bubble.
 #[derive(Clone, Copy, Debug, Default)]
@@ -147,7 +150,11 @@ impl Voice {
         };
         let pitch = self.tone.pitch + slope * (n - 1);
         let edged = self.slope != 0 && upper(pitch) > EDGE_START;
-        if edged || self.fade > 0 || self.tone.level() >= PLAIN_MAX {
+        if self.fade > 0 || self.tone.level() >= PLAIN_MAX {
+            self.shaped(run, out, span, upper(ahead));
+        } else if edged && run.envelope < ATTACK_END {
+            edge(run, out, span, upper(ahead));
+        } else if edged {
             self.shaped(run, out, span, upper(ahead));
         } else {
             sing(run, out, span);
@@ -163,25 +170,38 @@ impl Voice {
     #[inline(never)]
     fn shaped(&mut self, mut run: Run, out: &mut Ears, span: Range<usize>, ahead: u32) {
         let rises = self.slope != 0;
-        for frame in span {
-            let mut shape = run.envelope;
-            if shape >= ATTACK_END {
-                shape = soft_attack(shape) << 5;
-            }
+        let mut fade = self.fade;
+        out.add(span, || {
+            let mut shape = if run.envelope < ATTACK_END {
+                run.envelope >> 5
+            } else {
+                soft_attack(run.envelope)
+            };
             let pitch = run.step - ahead;
             if rises && pitch > EDGE_START {
-                shape = mul_high(shape, edge(pitch)) << 1;
+                shape = mul_high(shape, to_edge(EDGE_END.saturating_sub(pitch)) << 4) << 1;
             }
-            if self.fade > 0 {
-                shape = mul_high(shape, smooth_step(self.fade)) << 1;
-                self.fade = (self.fade - 1).max(1);
+            if fade > 0 {
+                shape = mul_high(shape, smooth_step(fade)) << 1;
+                fade = (fade - 1).max(1);
             }
-            let swing = mul_high(sine(run.phase), shape) << 3;
-            out.add(frame, run.gain.map(|gain| mul_high(swing, gain)));
-            run.turn();
-            run.envelope += mul_high(run.envelope, run.decay);
-        }
+            run.next(shape)
+        });
+        self.fade = fade;
     }
+}
+
+/// The same past the soft attack at the edge of the band, where most rising bubbles that get there come to late in their
+/// life, and the fade is a straight line.
+#[inline(never)]
+fn edge(mut run: Run, out: &mut Ears, span: Range<usize>, ahead: u32) {
+    let pitch = run.step - ahead;
+    let (mut part, fall) = (to_edge(EDGE_END.saturating_sub(pitch)), to_edge(run.slope));
+    out.add(span, || {
+        let shape = mul_high(run.envelope, part.min(EDGE_FULL));
+        part = (part - fall).max(0);
+        run.next(shape)
+    });
 }
 
 /// So many samples, Q32.32.
@@ -189,12 +209,11 @@ fn samples(count: u32) -> u64 {
     u64::from(count) << 32
 }
 
-/// From 1 to 0 as `pitch` comes to the limit, Q31.
-fn edge(pitch: u32) -> i32 {
-    // A sixteenth of the reciprocal, Q62 over Q32.
+/// So many turns a sample (Q32) as a part of the fade at the edge, Q27.
+fn to_edge(turns: u32) -> i32 {
+    // Q31.
     const PART: u32 = ((1 << 58) / (EDGE_END - EDGE_START) as u64) as u32;
-    let left = EDGE_END.saturating_sub(pitch) << 4;
-    ((high(left, PART) << 1).min(i32::MAX as u32)) as i32
+    (high(turns, PART) << 1).min(i32::MAX as u32) as i32
 }
 
 /// From 1 to 0 with no corner as `left` falls from [`STEAL_FADE`] to 1, Q31.

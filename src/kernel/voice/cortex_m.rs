@@ -4,7 +4,7 @@
 //! entered where as many frames are left as there are to play.
 #![allow(unsafe_code)]
 
-use core::arch::global_asm;
+use core::arch::{asm, global_asm};
 use core::ops::Range;
 
 use super::{ATTACK_END, Run, Tone};
@@ -48,12 +48,14 @@ impl Ears {
         Self([Frame::ZERO; BLOCK])
     }
 
-    /// Adds to a frame.
+    /// Adds what `swing` gives for each frame of `span`.
     #[inline(always)]
-    pub fn add(&mut self, frame: usize, [left, right]: [i32; 2]) {
-        let frame = &mut self.0[frame];
-        frame.left = frame.left.wrapping_add(left);
-        frame.right = frame.right.wrapping_add(right);
+    pub fn add(&mut self, span: Range<usize>, mut swing: impl FnMut() -> [i32; 2]) {
+        for frame in &mut self.0[span] {
+            let [left, right] = swing();
+            frame.left = frame.left.wrapping_add(left);
+            frame.right = frame.right.wrapping_add(right);
+        }
     }
 
     /// Adds all of it to `block`, as far as an i32 goes.
@@ -64,6 +66,24 @@ impl Ears {
             frame.right = frame.right.saturating_add(ears.right);
         }
     }
+}
+
+/// As [`mul_high`](crate::fixed::mul_high). Left to itself the compiler extends a constant factor to 64 bits before a
+/// loop, and then finds no instruction for the product.
+#[inline(always)]
+pub fn scale(a: i32, b: i32) -> i32 {
+    let product;
+    // SAFETY: the instruction reads and writes these registers and nothing else.
+    unsafe {
+        asm!(
+            "smmulr {product}, {a}, {b}",
+            product = lateout(reg) product,
+            a = in(reg) a,
+            b = in(reg) b,
+            options(pure, nomem, nostack, preserves_flags),
+        );
+    }
+    product
 }
 
 /// Plays a block of each of `voices`, from the first on, and adds what is left of their levels to `loudness`, up to one

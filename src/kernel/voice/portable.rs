@@ -18,11 +18,14 @@ impl Ears {
         Self([[0; BLOCK]; 2])
     }
 
-    /// Adds to a frame.
+    /// Adds what `swing` gives for each frame of `span`.
     #[inline(always)]
-    pub fn add(&mut self, frame: usize, swing: [i32; 2]) {
-        for (ear, swing) in self.0.iter_mut().zip(swing) {
-            ear[frame] = ear[frame].wrapping_add(swing);
+    pub fn add(&mut self, span: Range<usize>, mut swing: impl FnMut() -> [i32; 2]) {
+        let [left, right] = &mut self.0;
+        for (left, right) in left[span.clone()].iter_mut().zip(&mut right[span]) {
+            let swing = swing();
+            *left = left.wrapping_add(swing[0]);
+            *right = right.wrapping_add(swing[1]);
         }
     }
 
@@ -72,11 +75,8 @@ pub fn play(voices: &mut [Voice], ears: &mut Ears, loudness: &mut u64) -> usize 
 #[inline(always)]
 pub fn sing(mut run: Run, ears: &mut Ears, span: Range<usize>) {
     let plain = span.start + run.attack(span.len());
+    ears.add(span.start..plain, || run.next(soft_attack(run.envelope)));
     let [left, right] = &mut ears.0;
-    if plain > span.start {
-        let soft = span.start..plain;
-        begin(&mut run, &mut left[soft.clone()], &mut right[soft]);
-    }
     if plain == 0 && span.end == BLOCK {
         // The length known, a compiler unrolls.
         go_on(run, left, right);
@@ -85,19 +85,7 @@ pub fn sing(mut run: Run, ears: &mut Ears, span: Range<usize>) {
     }
 }
 
-/// Under the soft attack.
-#[inline(never)]
-fn begin(run: &mut Run, left: &mut [i32], right: &mut [i32]) {
-    for (left, right) in left.iter_mut().zip(right) {
-        let swing = mul_high(sine(run.phase), soft_attack(run.envelope)) << 8;
-        *left = left.wrapping_add(mul_high(swing, run.gain[0]));
-        *right = right.wrapping_add(mul_high(swing, run.gain[1]));
-        run.turn();
-        run.envelope += mul_high(run.envelope, run.decay);
-    }
-}
-
-/// Past it.
+/// Past the soft attack.
 #[inline(always)]
 fn go_on(mut run: Run, left: &mut [i32], right: &mut [i32]) {
     // Q30 of a pascal.
