@@ -7,6 +7,7 @@
 mod cortex_m;
 #[cfg(not(dsp))]
 mod portable;
+pub mod voice;
 
 #[cfg(dsp)]
 pub use cortex_m::{Hits, ring, walk};

@@ -604,21 +604,20 @@ where
     #[inline(never)]
     fn voice(&mut self, k: usize, position: u32, soft: u32, pan: [u32; 2]) -> bool {
         let flow = &self.settings.flow[k];
-        let pressure = (u64::from(flow.voice_pressure) * u64::from(exp2_neg(soft))) >> 31;
-        let gain = pan.map(|gain| (pressure * u64::from(gain)) >> 31);
-        let gain = gain.map(|gain| gain.min(i32::MAX as u64) as i32);
+        let pressure = high(flow.voice_pressure, exp2_neg(soft)) << 1;
+        let gain = pan.map(|gain| (high(pressure, gain).min(i32::MAX as u32 >> 1) << 1) as i32);
         let age = (1 << 27) - (position & 0x07ff_ffff);
         let delay = (position >> 27) + 1;
-        let voice = self.table.pitch[k].start(age, delay, gain);
-        let start = self.voices.start(voice);
+        let start = self.voices.start(&self.table.pitch[k], delay, age, gain);
         let stats = &mut *self.stats;
         stats.rising = stats.rising.wrapping_add(1);
-        stats.stolen = stats.stolen.wrapping_add(u64::from(start == Start::Stole));
-        stats.unvoiced = stats
-            .unvoiced
-            .wrapping_add(u64::from(start == Start::Refused));
-        if start == Start::Refused {
-            return false;
+        match start {
+            Start::Sounds => {}
+            Start::Stole => stats.stolen = stats.stolen.wrapping_add(1),
+            Start::Refused => {
+                stats.unvoiced = stats.unvoiced.wrapping_add(1);
+                return false;
+            }
         }
         self.report(k, position, gain, Path::Voice);
         true

@@ -2,6 +2,7 @@
 
 use crate::control::Control;
 use crate::frame::{BLOCK, BLOCKS_PER_TICK, Block, Frame, TICK};
+use crate::kernel::voice::Ears;
 use crate::mix::{Mix, Output};
 use crate::observer::{Birth, Observer, Path};
 use crate::population::Population;
@@ -77,8 +78,13 @@ impl<P: Profile> Synth<P> {
             stats.too_high = stats.too_high.wrapping_add(1);
             Path::TooHigh
         } else {
-            let voice = strike.pitch.start(strike.age, strike.delay, strike.gain);
-            match voices.start(voice) {
+            let Strike {
+                pitch,
+                delay,
+                age,
+                gain,
+            } = strike;
+            match voices.start(pitch, *delay, *age, *gain) {
                 Start::Sounds => Path::Voice,
                 Start::Stole => {
                     stats.stolen = stats.stolen.wrapping_add(1);
@@ -123,13 +129,9 @@ impl<P: Profile> Synth<P> {
         population.render(&update.water, self.frame, voices, stats, observer, block);
         if voices.sounding() > 0 {
             // Each source keeps itself within the bus; together they might pass it.
-            let mut ears = [[0; BLOCK]; 2];
+            let mut ears = Ears::new();
             voices.render(&mut ears);
-            let [left, right] = ears;
-            for (frame, (left, right)) in block.iter_mut().zip(left.into_iter().zip(right)) {
-                frame.left = frame.left.saturating_add(left);
-                frame.right = frame.right.saturating_add(right);
-            }
+            ears.add_to(block);
         }
         self.mix.render(block, stats);
         self.frame = self.frame.wrapping_add(BLOCK as u64);

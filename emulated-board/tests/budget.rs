@@ -7,8 +7,10 @@ mod common;
 
 use std::time::Duration;
 
-use common::{START, board, scene, unhurried};
+use common::{RATE, START, board, scene, unhurried};
+use freshet::mix::Output;
 use freshet::scene::Scene;
+use freshet_host::board::Board as Desk;
 use freshet_host::built_in::SCENES;
 use freshet_host::scene_file::SceneFile;
 
@@ -107,6 +109,59 @@ fn a_resonator_and_a_birth_cost_what_they_may() {
     assert!(a_resonator <= 5.3, "{a_resonator:.2}");
     assert!(a_birth <= 78.0, "{a_birth:.0} a birth");
     assert!(a_class <= 154.0, "{a_class:.0} a class");
+}
+
+/// `rate` bubbles a second from 60 to 100 mm, all of them rising slowly, which ring for 10 s.
+fn voices(rate: u32) -> Scene {
+    let text = format!(
+        "[water]\nrate = {rate}\nradius_min = 60\nradius_max = 100\nrise_cutoff = 0\nrise_factor = 0.02\npressure = 0.01"
+    );
+    SceneFile::parse("voices", &text).expect("valid").scene
+}
+
+/// Instructions a voice and sample of everything that all voices are in a block, from `from` on and for `time`; and those
+/// of a start.
+fn voice_cost(scene: &Scene, from: Duration, time: Duration) -> (f64, f64) {
+    let mut board = board(&[("scene", scene.clone())], 1, unhurried());
+    let [play, render, start] = ["Player::play", "Voices<..>::render", "Births<..>::voice"]
+        .map(|name| board.count(name).expect("it is there"));
+    board.run(from).expect("it runs");
+    let before = board.counts(play).expect("counted").calls.len();
+    let _ = board.counts(render).expect("counted");
+    board.run(time).expect("it runs");
+    let blocks = board.counts(play).expect("counted").calls.len();
+    let render = board.counts(render).expect("counted").total();
+    let start = board.counts(start).expect("counted").mean();
+    // The desk knows how many there are.
+    let mut player = Desk::F407.player(scene, RATE, 1, Output::Bits24);
+    let mut block = [freshet::Frame::ZERO; freshet::BLOCK];
+    let mut voices = 0;
+    for i in 0..before + blocks {
+        player.render(&mut block);
+        if i >= before {
+            voices += player.voices();
+        }
+    }
+    assert_eq!(player.stats().stolen, 0);
+    println!("{} voices", voices / blocks);
+    (render as f64 / voices as f64 / BLOCK, start)
+}
+
+#[test]
+fn a_rising_voice_costs_what_it_may() {
+    let (plain, start) = voice_cost(
+        &voices(5),
+        Duration::from_secs(8),
+        Duration::from_millis(500),
+    );
+    println!("{plain:.2} a voice and sample, {start:.0} a start");
+    // All have begun within the last 90 ms, and the attack of the shortest takes 120.
+    let from = Duration::from_millis(310);
+    let (attack, _) = voice_cost(&voices(400), from, Duration::from_millis(90));
+    println!("{attack:.2} a voice and sample under the soft attack");
+    assert!(plain <= 13.2, "{plain:.2}");
+    assert!(attack <= 20.0, "{attack:.2}");
+    assert!(start <= 223.0, "{start:.0}");
 }
 
 /// Scenes that an F407 does not yet play in time.
