@@ -23,6 +23,8 @@ pub struct Synth<P: Profile> {
     frame: u64,
     /// Which of the update's strikes is next.
     next_strike: usize,
+    /// The version of the population's settings in force, see [`Update`].
+    water: u32,
 }
 
 impl<P: Profile> Synth<P> {
@@ -34,6 +36,7 @@ impl<P: Profile> Synth<P> {
         stats: Stats::NONE,
         frame: 0,
         next_strike: 0,
+        water: 0,
     };
 
     /// A silent instrument that starts with the settings of `control`.
@@ -60,7 +63,10 @@ impl<P: Profile> Synth<P> {
         if let Some(slice) = &update.slice {
             self.population.tune(slice);
         }
-        self.population.apply(&update.water);
+        if update.version != self.water {
+            self.water = update.version;
+            self.population.apply(&update.water);
+        }
         if let Some(mix) = &update.mix {
             self.mix.apply(mix);
         }
@@ -183,7 +189,7 @@ pub struct Instrument<P: Profile> {
 impl<P: Profile> Instrument<P> {
     /// Playing `scene` from its first frame.
     pub fn new(scene: &Scene, sample_rate: u32, seed: u64, output: Output) -> Self {
-        let mut control = Control::new(scene, sample_rate, P::MAX_RATE, seed);
+        let mut control = Control::new(scene, sample_rate, P::LIMITS, seed);
         let mut updates = [P::update(), P::update()];
         control.tick(updates[1].as_mut());
         Self {

@@ -143,7 +143,7 @@ impl Bare {
     fn new() -> Self {
         let scene = Scene::default();
         Self {
-            control: Control::new(&scene, 48_000, F411::MAX_RATE, 1),
+            control: Control::new(&scene, 48_000, F411::LIMITS, 1),
             scenes: [("brook", scene.clone()), ("river", scene)],
             kept: [const { None }; 17],
             playing: 0,

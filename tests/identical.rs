@@ -10,7 +10,7 @@ use freshet::mix::Output;
 use freshet::observer::{Birth, Crowd, Observer};
 use freshet::param;
 use freshet::population;
-use freshet::profile::Profile;
+use freshet::profile::{Limits, Profile};
 use freshet::stats::Stats;
 use freshet::voices::{Pitch, Strike, Voice};
 use freshet::{Frame, Instrument, TICK, Update};
@@ -194,8 +194,8 @@ const GOLDEN: [Golden; 6] = [
 const HASHES: [u64; GOLDEN.len()] = [
     0xfd96a5367bd71864, // desk, drips that rise
     0xb47b53ea3fb7785a, // desk, everything on the bus
-    0xd8b81c5347a6a862, // f407, stream with more rising bubbles than voices
-    0x2251a00233fbb02c, // f411, waves of foam, at a hundred thousand births a second
+    0x8edcc9c7be45f6a2, // f407, stream with more rising bubbles than voices
+    0xfe6bc9bcf2a805ed, // f411, waves of foam, at a hundred thousand births a second
     0xce5e32c7da150fd8, // h743, two crowds of entrained bubbles, held down
     0xa8acff2614c5ba5d, // h743, huge bubbles at a high rate
 ];
@@ -260,7 +260,7 @@ fn a_seed_is_a_sound_and_another_seed_is_another() {
 #[test]
 fn as_long_as_there_is_room_every_board_sounds_the_same() {
     let tame = r#"
-        water = { rate = 90_000, gamma = 5, radius_min = 0.4, radius_max = 8, pressure = 0.01, rise_cutoff = 0.98, beta = 20 }
+        water = { classes = 40, rate = 90_000, gamma = 5, radius_min = 0.4, radius_max = 8, pressure = 0.01, rise_cutoff = 0.98, beta = 20 }
         swell = { depth = 0.5, period = 1 }
         drops = { rate = 8, bubbles = 2 }
     "#;
@@ -307,7 +307,10 @@ struct Tight;
 impl Profile for Tight {
     const NAME: &'static str = "tight";
     const VOICES: usize = 32;
-    const MAX_RATE: f32 = 100_000.0;
+    const LIMITS: Limits = Limits {
+        rate: 100_000.0,
+        classes: 64,
+    };
     const BIRTHS_PER_BLOCK: u32 = 40;
     type Voices = [Voice; 32];
     fn voices() -> Self::Voices {

@@ -50,7 +50,7 @@ pub fn start(button: board::Button, spawner: Spawner) {
 fn start_control(control: &mut Control, scenes: &Scenes, seed: u64) {
     let (name, scene) = scenes.scene(scenes.first());
     log::info!("scene {}, seed {}", name, seed);
-    control.start(&scene, SAMPLE_RATE, Capacity::MAX_RATE, seed);
+    control.start(&scene, SAMPLE_RATE, Capacity::LIMITS, seed);
 }
 
 #[inline(never)]

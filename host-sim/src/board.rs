@@ -5,7 +5,7 @@ use freshet::control::Control;
 use freshet::mix::Output;
 use freshet::observer::Observer;
 use freshet::population::{CLASSES, Crowd};
-use freshet::profile::{F407, F411, H743, Profile};
+use freshet::profile::{F407, F411, H743, Limits, Profile};
 use freshet::scene::Scene;
 use freshet::stats::Stats;
 use freshet::voices::{Strike, Voice};
@@ -18,7 +18,10 @@ pub struct Desk;
 impl Profile for Desk {
     const NAME: &'static str = "desk";
     const VOICES: usize = 16_384;
-    const MAX_RATE: f32 = 1_000_000.0;
+    const LIMITS: Limits = Limits {
+        rate: 1_000_000.0,
+        classes: CLASSES,
+    };
     const BIRTHS_PER_BLOCK: u32 = 8_192;
     type Voices = Box<[Voice]>;
     fn voices() -> Self::Voices {
@@ -117,13 +120,13 @@ impl Board {
         }
     }
 
-    /// Most births a second.
-    pub fn max_rate(self) -> f32 {
+    /// What it takes of the parameters.
+    pub fn limits(self) -> Limits {
         match self {
-            Self::Desk => Desk::MAX_RATE,
-            Self::F407 => F407::MAX_RATE,
-            Self::F411 => F411::MAX_RATE,
-            Self::H743 => H743::MAX_RATE,
+            Self::Desk => Desk::LIMITS,
+            Self::F407 => F407::LIMITS,
+            Self::F411 => F411::LIMITS,
+            Self::H743 => H743::LIMITS,
         }
     }
 
