@@ -604,8 +604,10 @@ where
     #[inline(never)]
     fn voice(&mut self, k: usize, position: u32, soft: u32, pan: [u32; 2]) -> bool {
         let flow = &self.settings.flow[k];
-        let pressure = high(flow.voice_pressure, exp2_neg(soft)) << 1;
-        let gain = pan.map(|gain| (high(pressure, gain).min(i32::MAX as u32 >> 1) << 1) as i32);
+        let product = |a: u32, b: u32| (u64::from(a) * u64::from(b)) >> 31;
+        let pressure = product(flow.voice_pressure, exp2_neg(soft)) as u32;
+        // At most √2 of CLASS_MAX_PA.
+        let gain = pan.map(|gain| product(pressure, gain) as i32);
         let age = (1 << 27) - (position & 0x07ff_ffff);
         let delay = (position >> 27) + 1;
         let start = self.voices.start(&self.table.pitch[k], delay, age, gain);

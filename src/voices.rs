@@ -2,7 +2,7 @@
 //!
 //! The phase is the integral of `f0·(1 + σt)` (vdD §4), kept to 2^-59 turn from block to block; the envelope is
 //! re-anchored every block; so pitch and decay do not drift however long a bubble rings. In a calm block, as nearly all
-//! are, a voice is a [`Tone`](crate::kernel::voice::Tone) and nothing else.
+//! are, a voice is a `kernel::voice::Tone` and nothing else.
 
 mod pitch;
 mod voice;

@@ -1,4 +1,4 @@
-//! In assembly, for processors with the DSP instructions of a Cortex-M4: the one place with `unsafe` in it.
+//! In assembly, for processors with the DSP instructions of a Cortex-M4. `unsafe` is here and in the voices' assembly.
 //!
 //! A resonator's word is a pair of registers and a multiplication adds to it in one instruction (SMLAL), the upper
 //! register being the next factor as it is. Both ears' words, the coefficients, a frame and its address just fill the

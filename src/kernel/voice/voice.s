@@ -1,7 +1,7 @@
     .syntax unified
     .thumb
 
-@ Words of both functions' frames, from the stack pointer on.
+@ As portable.rs does it. Words of both functions' frames, from the stack pointer on.
     .set    VOICE, 0
     .set    OUT, 8
     .set    LOUDNESS, 12
@@ -11,10 +11,6 @@
 @ Words of a Tone.
     .set    ENVELOPE, 4
     .set    GAIN, 16
-    .set    PHASE, 32
-@ Bytes of code a frame under the attack, and two past it.
-    .set    SOFT_FRAME, 64
-    .set    PLAIN_PAIR, 80
 
     .section .text.freshet_voices, "ax", %progbits
     .balign 16
@@ -74,11 +70,11 @@ leave:
     add     sp, #32
     pop     {{r4-r11, pc}}
 
-
-@ r0 out  r1 phase  r2 step  r3 slope  r4, r5 gains  r6 decay  r7 table  r8 envelope  r10 frames
+@ A whole block that begins under the attack.
 young:
     mov     r8, r9
     mov     r10, #32
+@ r0 out  r1 phase  r2 step  r3 slope  r4, r5 gains  r6 decay  r7 table  r8 envelope  r10 frames, all or some under it.
 soft:
     ldr     r9, =({attack} - {attack_first})
     sub     r11, r8, #{attack_end}
@@ -92,7 +88,7 @@ soft:
     sub     r10, r10, r11
     str     r10, [sp, #REST]
     ldr     r12, =freshet_voice_plain
-    sub     r12, r12, r11, lsl #6
+    sub     r12, r12, r11, lsl #6       @ 64 bytes a frame
     bx      r12
     .ltorg
     .balign 16
@@ -116,6 +112,7 @@ soft:
     .thumb_func
 freshet_voice_plain:
     ldr     r10, [sp, #REST]
+@ The same past it.
 plain:
     smmulr  r4, r8, r4
     smmulr  r5, r8, r5
@@ -133,7 +130,7 @@ plain:
     smmlar  r4, r4, r6, r4
     smmlar  r5, r5, r6, r5
 1:  ldr     r9, =freshet_voice_done
-    add     r10, r10, r10, lsl #2
+    add     r10, r10, r10, lsl #2       @ 80 bytes a pair
     sub     r9, r9, r10, lsl #4
     bx      r9
     .ltorg
