@@ -329,6 +329,12 @@ impl Population {
         }
     }
 
+    /// How many resonators ring, those from before a retuning among them.
+    pub fn ringing(&self) -> usize {
+        let resonators = self.banks.iter().flat_map(|bank| &bank.resonators);
+        resonators.filter(|resonator| resonator.rings()).count()
+    }
+
     /// Whether nothing rings.
     pub fn is_silent(&self) -> bool {
         self.banks.iter().all(|bank| bank.swing == 0)

@@ -153,6 +153,11 @@ impl<P: Profile> Synth<P> {
         self.voices.as_ref().map_or(0, Voices::sounding)
     }
 
+    /// Classes that ring now.
+    pub fn ringing(&self) -> usize {
+        self.population.ringing()
+    }
+
     /// Whether no bubble rings.
     pub fn is_silent(&self) -> bool {
         self.voices() == 0 && self.population.is_silent()

@@ -12,8 +12,6 @@ pub use voice::{RISE_FADE, Voice};
 
 use crate::kernel::voice::{Ears, play};
 
-/// A stolen voice fades out over this many frames (4 ms at 48 kHz).
-pub const STEAL_FADE: u32 = 192;
 /// Voices that may be stolen in one block.
 pub const STEALS: usize = 8;
 
@@ -163,7 +161,6 @@ impl<S: AsRef<[Voice]> + AsMut<[Voice]>> Voices<S> {
     pub fn render(&mut self, out: &mut Ears) {
         let slots = self.slots.as_mut();
         self.loudness = 0;
-        self.fading = 0;
         self.weakest = None;
         let mut i = 0;
         while i < self.count {
@@ -171,11 +168,18 @@ impl<S: AsRef<[Voice]> + AsMut<[Voice]>> Voices<S> {
             let Some(voice) = slots[..self.count].get_mut(i) else {
                 break;
             };
-            if !voice.tone.is_over() && voice.render(out) {
+            let (over, stolen) = (voice.tone.is_over(), voice.is_stolen());
+            let goes_on = !over
+                && if stolen {
+                    voice.fade(out)
+                } else {
+                    voice.render(out)
+                };
+            if goes_on {
                 self.loudness += voice.tone.level();
-                self.fading += usize::from(voice.is_stolen());
                 i += 1;
             } else {
+                self.fading -= usize::from(stolen);
                 self.count -= 1;
                 slots[i] = slots[self.count];
             }

@@ -194,9 +194,9 @@ const GOLDEN: [Golden; 6] = [
 const HASHES: [u64; GOLDEN.len()] = [
     0x42898e62b14470ee, // desk, drips that rise
     0xe67dc6739f05dbd5, // desk, everything on the bus
-    0x6be80ad9b9f4bb52, // f407, stream with more rising bubbles than voices
-    0x448472abd8e16327, // f411, waves of foam, at a hundred thousand births a second
-    0xbc804fe3a54d77be, // h743, two crowds of entrained bubbles, held down
+    0xab2776c3b3c27489, // f407, stream with more rising bubbles than voices
+    0xdec436280aa73b28, // f411, waves of foam, at a hundred thousand births a second
+    0xa52d0d662516a566, // h743, two crowds of entrained bubbles, held down
     0x88ae7c1e7b8a44d4, // h743, huge bubbles at a high rate
 ];
 

@@ -67,6 +67,8 @@ pub trait Player: Send {
     fn stats(&self) -> Stats;
     /// Voices sounding now.
     fn voices(&self) -> usize;
+    /// Classes that ring now.
+    fn ringing(&self) -> usize;
     /// Whether no bubble rings.
     fn is_silent(&self) -> bool;
     /// Continues counting from elsewhere.
@@ -101,6 +103,9 @@ impl<P: Profile> Player for Instrument<P> {
     fn voices(&self) -> usize {
         self.synth().voices()
     }
+    fn ringing(&self) -> usize {
+        self.synth().ringing()
+    }
     fn is_silent(&self) -> bool {
         self.synth().is_silent()
     }
@@ -127,6 +132,17 @@ impl Board {
             Self::F407 => F407::LIMITS,
             Self::F411 => F411::LIMITS,
             Self::H743 => H743::LIMITS,
+        }
+    }
+
+    /// Cycles of the core in a second, and how many of them an instruction of ours takes: a model, for no emulator counts
+    /// cycles. None for the desk.
+    pub fn core(self) -> Option<(f64, f64)> {
+        match self {
+            Self::Desk => None,
+            Self::F407 => Some((168e6, 2.0)),
+            Self::F411 => Some((96e6, 2.0)),
+            Self::H743 => Some((480e6, 2.0)),
         }
     }
 

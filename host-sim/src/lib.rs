@@ -17,6 +17,8 @@ pub mod bubble_events;
 pub mod flash;
 #[cfg(feature = "command")]
 pub mod list;
+#[cfg(feature = "command")]
+pub mod load;
 #[cfg(feature = "play")]
 pub mod play;
 #[cfg(feature = "flash")]

@@ -2,7 +2,6 @@
 
 use core::ops::Range;
 
-use super::STEAL_FADE;
 use crate::fixed::{high, mul_high, soft_attack};
 use crate::frame::BLOCK;
 use crate::kernel::voice::{ATTACK_END, Ears, PLAIN_MAX, Run, Tone, sing};
@@ -15,6 +14,26 @@ pub const RISE_FADE: f64 = 0.42;
 pub const ENVELOPE_FLOOR: u32 = 1 << (31 - 17);
 const EDGE_START: u32 = (RISE_FADE * 4_294_967_296.0) as u32;
 const EDGE_END: u32 = (PITCH_LIMIT * 4_294_967_296.0) as u32;
+
+/// Blocks in which a stolen voice fades out: 4 ms at 48 kHz.
+const STEAL_BLOCKS: usize = 6;
+const STEAL_FRAMES: usize = STEAL_BLOCKS * BLOCK;
+/// From 1 to 0 with no corner: x²(3 − 2x), Q27.
+static STEAL: [i32; STEAL_FRAMES] = {
+    let mut steal = [0; STEAL_FRAMES];
+    let mut i = 0;
+    while i < STEAL_FRAMES {
+        let (x, all) = ((STEAL_FRAMES - 1 - i) as u64, (STEAL_FRAMES - 1) as u64);
+        let part = ((x * x * (3 * all - 2 * x)) << 27) / (all * all * all);
+        steal[i] = if part < 1 << 27 {
+            part as i32
+        } else {
+            EDGE_FULL
+        };
+        i += 1;
+    }
+    steal
+};
 
 /// All of what [`to_edge`] gives.
 const EDGE_FULL: i32 = (1 << 27) - 1;
@@ -32,7 +51,7 @@ pub struct Voice {
     pub(super) ramp: u64,
     /// Frames until the first sample.
     pub(super) delay: u32,
-    /// Frames left of the fade of a stolen voice; 0: not stolen.
+    /// 1 and the blocks since it was stolen; 0: it was not.
     pub(super) fade: u32,
 }
 
@@ -48,16 +67,62 @@ impl Voice {
 
     /// Whether it sounds, and does not fade yet.
     pub fn may_be_stolen(&self) -> bool {
-        self.delay == 0 && self.fade == 0
+        self.delay == 0 && self.fade == 0 && self.tone.level() < PLAIN_MAX
     }
 
-    /// Fades out from the next block on.
+    /// Fades out from the next block on, and rises no more.
     pub fn steal(&mut self) {
-        self.fade = STEAL_FADE;
-        if self.tone.growth != 0 {
-            self.ramp += samples(self.tone.calm * BLOCK as u32);
+        let tone = &mut self.tone;
+        tone.pitch -= tone.growth / 2;
+        let pitch = upper(tone.pitch);
+        if self.slope != 0 && pitch > EDGE_START {
+            // As soft as it has become at the edge of the band.
+            let part = to_edge(EDGE_END.saturating_sub(pitch)) << 4;
+            tone.gain = tone.gain.map(|gain| mul_high(gain, part) << 1);
+            tone.loudest = high(tone.loudest, part as u32) << 1;
         }
+        (tone.growth, self.slope, self.ramp) = (0, 0, 0);
         self.tone.calm = 0;
+        self.fade = 1;
+    }
+
+    /// Adds the next block of a stolen voice. True while there is more to come.
+    #[inline(never)]
+    pub fn fade(&mut self, out: &mut Ears) -> bool {
+        let begin = (self.fade as usize - 1) * BLOCK;
+        let Some(parts) = STEAL.get(begin..begin + BLOCK) else {
+            return false;
+        };
+        let tone = &mut self.tone;
+        let mut run = Run {
+            phase: (tone.phase >> 27) as u32,
+            step: upper(tone.pitch),
+            slope: 0,
+            gain: tone.gain,
+            decay: tone.decay,
+            envelope: tone.envelope as i32,
+        };
+        let mut parts = parts.iter();
+        let mut part = || parts.next().copied().unwrap_or(0);
+        if run.envelope < ATTACK_END {
+            out.add(0..BLOCK, || {
+                let shape = mul_high(run.envelope, part());
+                run.next(shape)
+            });
+        } else {
+            out.add(0..BLOCK, || {
+                let shape = if run.envelope < ATTACK_END {
+                    run.envelope >> 5
+                } else {
+                    soft_attack(run.envelope)
+                };
+                run.next(mul_high(shape << 4, part() << 4) >> 3)
+            });
+        }
+        tone.envelope = tone.faded(BLOCK);
+        tone.phase = tone.phase.wrapping_add(tone.pitch);
+        self.fade += 1;
+        self.fade as usize <= STEAL_BLOCKS && !self.tone.is_over()
     }
 
     /// Adds a block that is not calm. True while there is more to come.
@@ -98,13 +163,13 @@ impl Voice {
         }
         self.run(out, flat..BLOCK, 0, 0);
         self.calm();
-        self.fade != 1 && !self.tone.is_over()
+        !self.tone.is_over()
     }
 
     /// Counts the blocks to come that need nothing but the tone.
     fn calm(&mut self) {
         let pitch = upper(self.tone.pitch);
-        if self.fade > 0 || self.tone.level() >= PLAIN_MAX {
+        if self.tone.level() >= PLAIN_MAX {
             return;
         }
         if self.ramp == 0 {
@@ -150,7 +215,7 @@ impl Voice {
         };
         let pitch = self.tone.pitch + slope * (n - 1);
         let edged = self.slope != 0 && upper(pitch) > EDGE_START;
-        if self.fade > 0 || self.tone.level() >= PLAIN_MAX {
+        if self.tone.level() >= PLAIN_MAX {
             self.shaped(run, out, span, upper(ahead));
         } else if edged && run.envelope < ATTACK_END {
             edge(run, out, span, upper(ahead));
@@ -165,12 +230,10 @@ impl Voice {
         self.tone.pitch = pitch + slope;
     }
 
-    /// The same under soft attack, the fade at the edge of the band, and the fade of a stolen voice, of any gain. The
-    /// step, a mean over the sample to come, is `ahead` of the pitch at the sample itself.
+    /// The same under soft attack and the fade at the edge of the band, of any gain. The step, a mean over the sample to come, is `ahead` of the pitch at the sample itself.
     #[inline(never)]
-    fn shaped(&mut self, mut run: Run, out: &mut Ears, span: Range<usize>, ahead: u32) {
+    fn shaped(&self, mut run: Run, out: &mut Ears, span: Range<usize>, ahead: u32) {
         let rises = self.slope != 0;
-        let mut fade = self.fade;
         out.add(span, || {
             let mut shape = if run.envelope < ATTACK_END {
                 run.envelope >> 5
@@ -181,13 +244,8 @@ impl Voice {
             if rises && pitch > EDGE_START {
                 shape = mul_high(shape, to_edge(EDGE_END.saturating_sub(pitch)) << 4) << 1;
             }
-            if fade > 0 {
-                shape = mul_high(shape, smooth_step(fade)) << 1;
-                fade = (fade - 1).max(1);
-            }
             run.next(shape)
         });
-        self.fade = fade;
     }
 }
 
@@ -214,13 +272,4 @@ fn to_edge(turns: u32) -> i32 {
     // Q31.
     const PART: u32 = ((1 << 58) / (EDGE_END - EDGE_START) as u64) as u32;
     (high(turns, PART) << 1).min(i32::MAX as u32) as i32
-}
-
-/// From 1 to 0 with no corner as `left` falls from [`STEAL_FADE`] to 1, Q31.
-fn smooth_step(left: u32) -> i32 {
-    const PART: u32 = ((1 << 32) / (STEAL_FADE - 1) as u64) as u32;
-    let x = ((left - 1) * PART) >> 16;
-    // x²(3 − 2x); Q32 and Q30.
-    let rest = ((3 << 16) - 2 * x) << 14;
-    ((high(x * x, rest) << 1).min(i32::MAX as u32)) as i32
 }
