@@ -264,8 +264,6 @@ pub struct Population {
     hurry: i32,
     /// How far all classes may swing from here, bus units.
     swing: u32,
-    /// Whether there are births at all.
-    flows: bool,
     hits: Hits,
 }
 
@@ -281,7 +279,6 @@ impl Population {
         births_per_block: 0,
         hurry: 0,
         swing: 0,
-        flows: false,
         hits: Hits::new(),
     };
 
@@ -299,13 +296,13 @@ impl Population {
 
     /// Counts on by new settings, which are then rendered with.
     pub fn apply(&mut self, settings: &Settings) {
-        self.flows = false;
         let clocks = self.clock.iter_mut().zip(&mut self.scale);
-        for ((clock, old), flow) in clocks.zip(&settings.flow) {
+        for ((clock, old), flow) in clocks.zip(&settings.flow[..settings.classes]) {
             let new = flow.scale;
-            *clock = *clock << new.saturating_sub(*old) >> old.saturating_sub(new);
-            *old = new;
-            self.flows |= flow.stroke.per_block > 0 || flow.is_crowd();
+            if new != *old {
+                *clock = *clock << new.saturating_sub(*old) >> old.saturating_sub(new);
+                *old = new;
+            }
         }
     }
 
@@ -361,7 +358,7 @@ impl Population {
         self.banks[old].ring_out(&self.tables[old], self.hurry, hits, out);
         let bank = &mut self.banks[self.live];
         let table = &self.tables[self.live];
-        if self.flows {
+        if settings.flows {
             let mut births = Births {
                 frame,
                 settings,

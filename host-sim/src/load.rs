@@ -6,28 +6,37 @@
 use freshet::bubble::Bubble;
 use freshet::frame::BLOCKS_PER_TICK;
 use freshet::observer::{Birth, Crowd, Observer, Path};
+use freshet::param;
 use freshet::stats::Stats;
 use freshet::{BLOCK, Frame};
 
 use crate::board::{Board, Player};
 
 /// What is counted in a block.
-pub const COUNTED: [&str; 11] = [
+pub const COUNTED: [&str; 16] = [
     "block",
     "first block of a tick",
     "block with sound in it",
     "block that the limiter holds down",
+    "block with a tone",
+    "block with a level",
     "class that rings",
     "class with births",
     "birth",
     "birth that is heard",
     "class with a rising bubble",
+    "rising bubble",
+    "single event",
     "voice",
     "voice under the soft attack",
+    "voice that fades",
 ];
 
 /// Instructions that each of [`COUNTED`] takes.
 pub const COST: [f64; COUNTED.len()] = [0.0; COUNTED.len()];
+
+/// Frames in which a stolen voice fades.
+const FADE: u64 = 192;
 
 /// The counts of a block.
 pub type Counts = [f64; COUNTED.len()];
@@ -42,8 +51,9 @@ pub struct Meter {
     with_rising: u64,
     births: u32,
     heard: u32,
-    /// When the soft attack of each young voice is over, frames.
+    /// When the soft attack of each young voice is over, and each stolen one has faded; frames.
     attacks: Vec<u64>,
+    fades: Vec<u64>,
     sum: f64,
     most: f64,
 }
@@ -78,6 +88,7 @@ impl Meter {
             births: 0,
             heard: 0,
             attacks: Vec::new(),
+            fades: Vec::new(),
             sum: 0.0,
             most: 0.0,
         }
@@ -85,22 +96,32 @@ impl Meter {
 
     /// What was counted in the block that `player` has just rendered, which was observed by this.
     pub fn block(&mut self, player: &dyn Player, block: &[Frame]) -> Counts {
-        let stats = player.stats();
+        let (stats, before) = (player.stats(), self.before);
         let now = (self.blocks + 1) * BLOCK as u64;
         self.attacks.retain(|end| *end > now);
+        self.fades.retain(|end| *end > now);
+        let stolen = (stats.stolen - before.stolen) as usize;
+        self.fades.resize(self.fades.len() + stolen, now + FADE);
         let sounds = !player.is_silent() || block.iter().any(|frame| *frame != Frame::ZERO);
+        let is = |yes: bool| f64::from(u8::from(yes));
+        let set = |index: usize| is(player.parameters().get(index) != 0.0);
         let counts = [
             1.0,
-            f64::from(u8::from(self.blocks.is_multiple_of(BLOCKS_PER_TICK as u64))),
-            f64::from(u8::from(sounds)),
-            f64::from(u8::from(stats.limited != self.before.limited)),
+            is(self.blocks.is_multiple_of(BLOCKS_PER_TICK as u64)),
+            is(sounds),
+            is(stats.limited != before.limited),
+            set(param::TONE) * is(sounds),
+            set(param::LEVEL) * is(sounds),
             player.ringing() as f64,
             f64::from(self.with_births.count_ones()),
             f64::from(self.births),
             f64::from(self.heard),
             f64::from(self.with_rising.count_ones()),
+            (stats.rising - before.rising) as f64,
+            (stats.events - before.events) as f64,
             player.voices() as f64,
             self.attacks.len().min(player.voices()) as f64,
+            self.fades.len().min(player.voices()) as f64,
         ];
         let cost: f64 = (counts.iter().zip(COST))
             .map(|(count, cost)| count * cost)

@@ -24,6 +24,8 @@ const Q42: f32 = (1u64 << 42) as f32;
 pub struct Settings<C: ?Sized = [Crowd]> {
     /// Classes in use.
     pub(super) classes: usize,
+    /// Whether there are births at all.
+    pub(super) flows: bool,
     /// How each class is struck.
     pub(super) flow: [Flow; CLASSES],
     pub(super) law: Law,
@@ -80,6 +82,7 @@ impl<const N: usize> Settings<[Crowd; N]> {
     pub const fn new() -> Self {
         Self {
             classes: 0,
+            flows: false,
             flow: [Flow::NONE; CLASSES],
             law: Law::NONE,
             ears: Ears::MONO,
@@ -142,6 +145,7 @@ impl Settings {
         let (mut growing, growth) = radii.power(drive.alpha);
         growing *= drive.depth * drive.pressure;
         let mut crowds = 0;
+        self.flows = false;
         for (k, flow) in self.flow.iter_mut().enumerate() {
             if k >= radii.classes {
                 *flow = Flow::NONE;
@@ -162,6 +166,7 @@ impl Settings {
                     flow.stroke.silent_below = self.law.silent_below(flow.inaudible);
                 }
             }
+            self.flows |= flow.stroke.per_block > 0 || flow.is_crowd();
         }
     }
 }
