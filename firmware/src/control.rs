@@ -1,20 +1,27 @@
-//! The control task: below audio, it computes the next tick while this one plays, and listens to the button.
+//! The control task: below audio, it computes the next tick while this one plays, and listens to the serial line and the
+//! button.
 
+use cortex_m::peripheral::SCB;
 use embassy_executor::Spawner;
+use embassy_futures::block_on;
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_sync::channel::Channel;
-use embassy_time::Timer;
+use embassy_time::{Duration, Instant, Timer};
 use freshet::Synth;
 use freshet::control::Control;
 use freshet::mix::Output;
 use freshet::profile::Profile;
+use freshet::protocol::{Device as _, Shell};
 use static_cell::{ConstStaticCell, StaticCell};
 
 use crate::audio::{self, Update};
 use crate::board::{self, Capacity};
 use crate::clock::SAMPLE_RATE;
+use crate::device::{Device, First, Past, Work};
 use crate::flash::Scenes;
 use crate::log;
+use crate::serial::Line;
+use crate::storage;
 use crate::supervisor::{self, Client};
 
 /// What a person asks for.
@@ -25,30 +32,39 @@ enum Wish {
 /// Both updates stand in flash as they are at first: no stack would hold them on the way.
 static UPDATES: ConstStaticCell<[Update; 2]> = ConstStaticCell::new([Update::new(), Update::new()]);
 
+/// Bytes of answers that may wait to be sent.
+const ANSWERS: usize = 2048;
+
+/// The protocol on the serial line.
+static SHELL: ConstStaticCell<Shell<ANSWERS>> = ConstStaticCell::new(Shell::new());
+
 static WISHES: Channel<CriticalSectionRawMutex, Wish, 8> = Channel::new();
 
 /// Reads the scenes and starts the sound.
-pub fn start(button: board::Button, spawner: Spawner) {
+pub fn start(button: board::Button, past: Past, spawner: Spawner) {
     let scenes = Scenes::open();
-    supervisor::set_trouble(scenes.damaged());
+    let (mut kept, sound) = block_on(storage::open());
     let seed = scenes.seed();
-    let control = first_control(&scenes, seed);
+    let first = First::choose(&scenes, &mut kept);
+    supervisor::set_trouble(scenes.damaged() | !sound | first.trouble);
+    let playing = first.number;
+    let control = first_control(&first, seed);
     let synth = first_synth(control, seed);
     let [first, next] = UPDATES.take().each_mut();
     tick(control, next);
     board::spawner().spawn(unwrap(audio::run(synth, first)));
-    spawner.spawn(unwrap(run(control, next, scenes)));
+    let device = Device::new(control, scenes, playing, kept, past);
+    spawner.spawn(unwrap(run(device, next, SHELL.take())));
     spawner.spawn(unwrap(watch(button)));
 }
 
 // Two functions, so that what both need on the way does not stand on the stack together.
 
 #[inline(never)]
-fn first_control(scenes: &Scenes, seed: u64) -> &'static mut Control {
+fn first_control(first: &First, seed: u64) -> &'static mut Control {
     static CONTROL: StaticCell<Control> = StaticCell::new();
-    let (name, scene) = scenes.scene(scenes.first());
-    log::info!("scene {}, seed {}", name, seed);
-    CONTROL.init_with(|| Control::new(&scene, SAMPLE_RATE, Capacity::MAX_RATE, seed))
+    log::info!("scene {}, seed {}", first.number, seed);
+    CONTROL.init_with(|| Control::new(&first.scene, SAMPLE_RATE, Capacity::MAX_RATE, seed))
 }
 
 #[inline(never)]
@@ -65,19 +81,49 @@ fn unwrap<T>(token: Result<T, embassy_executor::SpawnError>) -> T {
 
 /// One tick after another.
 #[embassy_executor::task]
-async fn run(control: &'static mut Control, mut update: &'static mut Update, scenes: Scenes) {
-    let mut playing = scenes.first();
+async fn run(
+    mut device: Device,
+    mut update: &'static mut Update,
+    shell: &'static mut Shell<ANSWERS>,
+) {
+    let mut line = Line::start();
+    shell.greet(&device);
     loop {
         update = audio::exchange(update).await;
+        device.begin_tick();
+        line.receive(|bytes| shell.receive(bytes, &mut device));
+        shell.tick(&device);
+        line.send(shell.out());
         while let Ok(Wish::NextScene) = WISHES.try_receive() {
-            playing = (playing + 1) % scenes.count();
-            let (name, scene) = scenes.scene(playing);
-            control.load(&scene);
-            log::info!("scene {}", name);
+            device.next_scene();
         }
-        tick(control, update);
+        tick(device.control_mut(), update);
         supervisor::check_in(Client::Control);
+        match device.due() {
+            None => {}
+            Some(Work::Keep(record)) => {
+                let result = device.keep(&record).await;
+                shell.finished(result);
+            }
+            Some(Work::Restart) => {
+                shell.finished(Ok(()));
+                restart(&mut line, shell).await;
+            }
+        }
     }
+}
+
+/// Starts the chip again, when the answer is out, or the line does not take it.
+async fn restart(line: &mut Line, shell: &mut Shell<ANSWERS>) -> ! {
+    const PATIENCE_MS: u64 = 200;
+    let end = Instant::now() + Duration::from_millis(PATIENCE_MS);
+    while Instant::now() < end && !(line.is_free() && shell.out().is_empty()) {
+        line.send(shell.out());
+        Timer::after_millis(1).await;
+    }
+    // The last bytes leave the USART.
+    Timer::after_millis(2).await;
+    SCB::sys_reset()
 }
 
 /// Computes the next tick. A function of its own, so that it can be found and measured.
