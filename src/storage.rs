@@ -1,15 +1,20 @@
 //! What outlives the power: settings, presets and the boot choice, in a flash that is worn evenly.
 //!
-//! A [`MapStorage`] appends every new value behind the ones before, with a checksum over length, key and value, and begins
+//! Whatever a loss of power leaves, each page of flash is whole or empty at the next start ([`guard`]). In them a
+//! [`MapStorage`] appends every new value behind the ones before, with a checksum over length, key and value, and begins
 //! a new page of flash when one is full; what is under way when the power goes is not there at the next start, and the old
 //! value is. On top of that a value begins with the version of its form; parameters go by their ids, so that a table that
 //! grew, or shrank, reads what another wrote: what it does not know is left out, and what is not there is at its default.
 
-use embedded_storage_async::nor_flash::NorFlash;
+mod guard;
+
+use embedded_storage_async::nor_flash::{NorFlash, ReadNorFlash};
 use heapless::Vec;
 use sequential_storage::cache::key_pointers::ArrayKeyPointers;
 use sequential_storage::cache::{Cache, Uncached};
 use sequential_storage::map::{MapConfig, MapStorage};
+
+use guard::{Guard, MAX_WORD, PAGES};
 
 use crate::param::{self, COUNT, TABLE};
 use crate::protocol::{Boot, BootRecord, NAME, Name, Pair, Preset, SLOTS, Slot};
@@ -26,8 +31,6 @@ const VALUE: usize = 1 + 2 * (1 + NAME) + 3 + COUNT * (3 + 4);
 /// Longest item that is read, bytes: there is room for the value of a table that has grown.
 const ITEM: usize = 1024;
 const _: () = assert!(VALUE < ITEM);
-/// Longest word of a flash, bytes.
-const MAX_WORD: usize = 32;
 
 /// Why something could not be kept.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -59,6 +62,12 @@ impl Record {
     /// The boot choice.
     pub fn boot(boot: &BootRecord) -> Option<Self> {
         Self::new(BOOT, &(VERSION, boot.boot()))
+    }
+
+    /// Any bytes, as another version may have written them.
+    pub fn raw(slot: Slot, bytes: &[u8]) -> Option<Self> {
+        let bytes = Vec::from_slice(bytes).ok()?;
+        Some(Self { key: slot, bytes })
     }
 
     /// None where it is longer than any can be.
@@ -116,25 +125,28 @@ type Cells = Cache<Uncached, Uncached, ArrayKeyPointers<u8, KEYS>, u8>;
 
 /// What is kept in the flash `F`.
 pub struct Storage<F: NorFlash> {
-    map: MapStorage<u8, F, Cells>,
+    map: MapStorage<u8, Guard<F>, Cells>,
     /// Slots that hold settings, one bit each.
     kept: u32,
 }
 
 impl<F: NorFlash> Storage<F> {
-    /// What is kept in `flash`, whose first page is at 0. Mends what a loss of power left; where nothing can be read,
+    /// What is kept in the first two pages of `flash`. Mends what a loss of power left; where nothing of ours is there,
     /// erases all, to begin anew, and says false.
-    pub async fn open(flash: F, config: MapConfig<F>) -> (Self, bool) {
+    pub async fn open(flash: F) -> (Self, bool) {
+        let config = const { MapConfig::new(0..PAGES * <Guard<F> as NorFlash>::ERASE_SIZE as u32) };
+        let (flash, mended) = Guard::mend(flash).await;
         let cells = Cache::new(Uncached, Uncached, ArrayKeyPointers::new());
         let mut storage = Self {
             map: MapStorage::new(flash, config, cells),
             kept: 0,
         };
-        let mut sound = storage.find().await.is_ok();
-        if !sound {
+        let found = storage.find().await.is_ok();
+        if !found {
             // Where not even this can be done, each save will say so.
             let _ = storage.map.erase_all().await;
         }
+        let mut sound = found && mended.unwrap_or(false);
         // Where each is, so that reading one later does not have to look through all.
         for slot in 0..=SLOTS {
             if storage.is_kept(slot) {
@@ -217,11 +229,12 @@ impl<F: NorFlash> Storage<F> {
 
     /// Whether a page has to be erased to keep `record`, as far as can be told without doing it.
     pub async fn erases(&mut self, record: &Record) -> bool {
-        let word = F::WRITE_SIZE.max(F::READ_SIZE) as u32;
+        let word = F::WRITE_SIZE as u32;
         let value = (1 + record.bytes.len() as u32).next_multiple_of(word);
-        let needed = MapStorage::<u8, F, Cells>::item_overhead_size() + value;
-        for start in self.map.flash_range().step_by(F::ERASE_SIZE) {
-            let end = start + F::ERASE_SIZE as u32 - word;
+        let needed = MapStorage::<u8, Guard<F>, Cells>::item_overhead_size() + value;
+        let page = <Guard<F> as NorFlash>::ERASE_SIZE;
+        for start in self.map.flash_range().step_by(page) {
+            let end = start + page as u32 - word;
             // Begun, and not closed: the page that is written to now.
             if !self.is_erased(start, word).await && self.is_erased(end, word).await {
                 let mut free = end;
@@ -244,6 +257,6 @@ impl<F: NorFlash> Storage<F> {
 
     /// The flash.
     pub fn flash(&mut self) -> &mut F {
-        self.map.flash()
+        &mut self.map.flash().flash
     }
 }

@@ -108,14 +108,8 @@ impl Line {
             let mut count = 0;
             while self.next != end && count < CHUNK {
                 // SAFETY: in the ring; DMA writes elsewhere in it, for it is less than half a ring ahead.
-                chunk[count] = unsafe {
-                    RECEIVED
-                        .0
-                        .get()
-                        .cast::<u8>()
-                        .add(self.next)
-                        .read_volatile()
-                };
+                chunk[count] =
+                    unsafe { RECEIVED.0.get().cast::<u8>().add(self.next).read_volatile() };
                 self.next = (self.next + 1) % RING;
                 count += 1;
             }

@@ -8,7 +8,6 @@ mod hardware;
 use embedded_storage_async::nor_flash::{NorFlash, NorFlashError, NorFlashErrorKind};
 use freshet::TICK;
 use freshet::storage::{Record, Storage};
-use sequential_storage::map::MapConfig;
 
 use crate::clock::SAMPLE_RATE;
 
@@ -34,10 +33,7 @@ pub type Kept = Storage<hardware::Flash>;
 
 /// Opens what is kept; false where it had to be begun anew.
 pub async fn open() -> (Kept, bool) {
-    const PAGES: u32 = 2;
-    const CONFIG: MapConfig<hardware::Flash> =
-        MapConfig::new(0..PAGES * <hardware::Flash as NorFlash>::ERASE_SIZE as u32);
-    Storage::open(hardware::Flash, CONFIG).await
+    Storage::open(hardware::Flash).await
 }
 
 /// For how long the sound pauses when `record` is kept, ms.

@@ -49,7 +49,9 @@ pub fn is_trouble() -> bool {
 /// Feeds the watchdog for all clients; where it was not started, nothing happens.
 #[cfg(feature = "h743")]
 pub fn feed_watchdog() {
-    pac::IWDG1.kr().write(|w| w.set_key(pac::iwdg::vals::Key::RESET));
+    pac::IWDG1
+        .kr()
+        .write(|w| w.set_key(pac::iwdg::vals::Key::RESET));
 }
 
 /// Feeds it, and makes it wait for as long as a sector may take to erase, even where its oscillator is as fast as it may

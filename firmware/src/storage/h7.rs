@@ -5,8 +5,8 @@ use core::arch::asm;
 use embassy_futures::yield_now;
 use embassy_stm32::pac::FLASH;
 use embassy_stm32::pac::flash::Bank;
-use embedded_storage_async::nor_flash::{ErrorType, NorFlash, ReadNorFlash};
 use embassy_time::{Duration, Instant};
+use embedded_storage_async::nor_flash::{ErrorType, NorFlash, ReadNorFlash};
 
 use super::Fault;
 use crate::supervisor;
