@@ -4,6 +4,7 @@ mod common;
 
 use std::time::Duration;
 
+use common::talk::{MS, SECOND, Talk};
 use common::{RATE, START, board, from_first_sound, scene, unhurried};
 use emulated_board::{Board, Cause, Setup};
 use freshet::param::{Kind, TABLE};
@@ -12,96 +13,6 @@ use freshet::scene::Scene;
 use freshet::{Frame, TICK};
 use freshet_host::board::Board as Desk;
 use freshet_host::twin::{Kept, Twin};
-
-const SECOND: Duration = Duration::from_secs(1);
-const MS: Duration = Duration::from_millis(1);
-
-/// A board and who talks to it.
-struct Talk {
-    board: Board,
-    heard: Vec<u8>,
-}
-
-impl Talk {
-    /// A board that plays the first of `scenes`, and has said who it is.
-    fn new(scenes: &[(&str, Scene)], seed: u64, setup: Setup) -> Self {
-        let mut talk = Self {
-            board: board(scenes, seed, setup),
-            heard: Vec::new(),
-        };
-        talk.start();
-        talk
-    }
-
-    /// Waits for the greeting.
-    fn start(&mut self) {
-        let greeting = self.wait(2 * SECOND, |line| line.starts_with("freshet "));
-        assert!(greeting[0].contains("board=f407"), "{greeting:?}");
-    }
-
-    /// What is said until a line is the last one.
-    fn wait(&mut self, limit: Duration, last: impl Fn(&str) -> bool) -> Vec<String> {
-        let mut lines = Vec::new();
-        let begun = self.board.now();
-        loop {
-            self.heard.extend(self.board.serial_take());
-            while let Some(end) = self.heard.iter().position(|byte| *byte == b'\n') {
-                let line: Vec<u8> = self.heard.drain(..=end).collect();
-                let line = std::str::from_utf8(&line[..end]).expect("text").to_owned();
-                let done = last(&line);
-                lines.push(line);
-                if done {
-                    return lines;
-                }
-            }
-            assert!(self.board.now() - begun < limit, "only {lines:?}");
-            self.board.run(MS).expect("it runs");
-        }
-    }
-
-    fn send(&mut self, line: &str) {
-        (self.board.serial_send(format!("{line}\n").as_bytes())).expect("sent");
-    }
-
-    /// Asks, and waits for all of the answer.
-    fn ask(&mut self, line: &str) -> Vec<String> {
-        self.send(line);
-        self.wait(3 * SECOND, |line| {
-            line.starts_with("ok ") || line.starts_with("error ")
-        })
-    }
-
-    /// Asks, and takes all that is said until nothing more is.
-    fn ask_all(&mut self, line: &str) -> String {
-        const QUIET: Duration = Duration::from_millis(100);
-        self.send(line);
-        let mut said = Vec::new();
-        let mut since = self.board.now();
-        loop {
-            self.board.run(MS).expect("it runs");
-            let more = self.board.serial_take();
-            if !more.is_empty() {
-                said.extend(more);
-                since = self.board.now();
-            }
-            let pauses = said.ends_with(b" ms\n");
-            if self.board.now() - since > if pauses { 2 * SECOND } else { QUIET } {
-                return String::from_utf8(said).expect("text");
-            }
-        }
-    }
-
-    /// A counter of the status.
-    fn count(&mut self, name: &str) -> f64 {
-        let lines = self.ask("status");
-        let start = format!("{name} = ");
-        let line = lines.iter().find_map(|line| line.strip_prefix(&start));
-        let number = line.and_then(|line| line.split(' ').next());
-        number
-            .and_then(|number| number.parse().ok())
-            .unwrap_or_else(|| panic!("{name}: {lines:?}"))
-    }
-}
 
 /// The desk's twin of the board.
 fn twin(scenes: &[(&str, Scene)], seed: u64) -> Twin {
@@ -264,6 +175,7 @@ fn every_command_answers_as_the_twin_does() {
         "scene",
         "scene brook",
         "scene 7",
+        "set mix.level -3.5 0",
         "trigger 3",
         "trigger 300",
         "mute",
@@ -303,11 +215,13 @@ fn every_command_answers_as_the_twin_does() {
         "{version:?}"
     );
     // What was stored is what it starts with.
+    let before = talk.ask("get mix.level");
+    assert_eq!(before[0], "mix.level = -3.5 dB");
     let answer = talk.ask("restart");
     assert_eq!(answer[answer.len() - 1], "ok restart");
     talk.start();
     assert!(talk.ask("version")[0].contains("scene=brook"));
-    assert!(talk.ask("get mix.level")[0].starts_with("mix.level = -3"));
+    assert_eq!(talk.ask("get mix.level"), before);
     let causes: Vec<_> = talk
         .board
         .resets()
