@@ -101,8 +101,8 @@ async fn run(
         supervisor::check_in(Client::Control);
         match device.due() {
             None => {}
-            Some(Work::Keep(record)) => {
-                let result = device.keep(&record).await;
+            Some(Work::Keep) => {
+                let result = device.keep().await;
                 shell.finished(result);
             }
             Some(Work::Restart) => {

@@ -73,9 +73,10 @@ impl First {
 }
 
 /// What takes its time, and silence.
+#[derive(Clone, Copy)]
 pub enum Work {
-    /// Something to keep.
-    Keep(Record),
+    /// [`Device::keep`].
+    Keep,
     /// Another start.
     Restart,
 }
@@ -95,6 +96,8 @@ pub struct Device {
     /// What is to be done, so many ticks after it has become silent.
     work: Option<Work>,
     wait: u32,
+    /// What is to be kept.
+    record: Option<Record>,
 }
 
 impl Device {
@@ -117,6 +120,7 @@ impl Device {
             kept: RefCell::new(kept),
             work: None,
             wait: 0,
+            record: None,
         }
     }
 
@@ -132,8 +136,11 @@ impl Device {
         self.work.take()
     }
 
-    /// Keeps something; the sound comes back then.
-    pub async fn keep(&mut self, record: &Record) -> Result<(), Refusal<'static>> {
+    /// Keeps what waits for it; the sound comes back then.
+    pub async fn keep(&mut self) -> Result<(), Refusal<'static>> {
+        let Some(record) = &self.record else {
+            return Ok(());
+        };
         let kept = self.kept.get_mut();
         i2s::hold();
         let result = kept.keep(record).await;
@@ -260,7 +267,8 @@ impl freshet::protocol::Device for Device {
         }
         let pause = block_on(storage::pause(kept, &record));
         self.wait = storage::SETTLE_TICKS;
-        self.work = Some(Work::Keep(record));
+        self.record = Some(record);
+        self.work = Some(Work::Keep);
         self.control.pause(true);
         Ok(Some(pause))
     }

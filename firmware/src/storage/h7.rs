@@ -18,7 +18,6 @@ const FIRST_SECTOR: u8 = 6;
 const PAGE: usize = 128 << 10;
 /// Bytes that are written at once, under one checksum.
 const WORD: usize = 32;
-const BANK: Bank = FLASH.bank(1);
 /// Of programming: 64 bits at a time.
 const PARALLEL: u8 = 3;
 
@@ -27,25 +26,30 @@ pub const ERASE_MS: u32 = 2_600;
 /// See [`ERASE_MS`].
 pub const WORD_US: u32 = 100;
 
+/// The second bank.
+fn bank() -> Bank {
+    FLASH.bank(1)
+}
+
 /// The sectors where settings are kept.
 pub struct Flash;
 
 impl Flash {
     fn unlock() {
-        if BANK.cr().read().lock() {
-            BANK.keyr().write_value(0x4567_0123);
-            BANK.keyr().write_value(0xcdef_89ab);
+        if bank().cr().read().lock() {
+            bank().keyr().write_value(0x4567_0123);
+            bank().keyr().write_value(0xcdef_89ab);
         }
         Self::clear();
     }
 
     fn lock() {
-        BANK.cr().write(|w| w.set_lock(true));
+        bank().cr().write(|w| w.set_lock(true));
     }
 
     /// Errors of before.
     fn clear() {
-        BANK.ccr().write(|w| {
+        bank().ccr().write(|w| {
             w.set_clr_eop(true);
             w.set_clr_wrperr(true);
             w.set_clr_pgserr(true);
@@ -58,14 +62,14 @@ impl Flash {
     /// Waits until the bank is idle, and lets others run meanwhile.
     async fn wait() -> Result<(), Fault> {
         let end = Instant::now() + Duration::from_millis(2 * u64::from(ERASE_MS));
-        while BANK.sr().read().qw() || BANK.sr().read().bsy() {
+        while bank().sr().read().qw() || bank().sr().read().bsy() {
             if Instant::now() > end {
                 return Err(Fault);
             }
             supervisor::feed_watchdog();
             yield_now().await;
         }
-        let status = BANK.sr().read();
+        let status = bank().sr().read();
         let failed = status.wrperr()
             || status.pgserr()
             || status.strberr()
@@ -94,8 +98,8 @@ impl Flash {
             scb.cfsr.write(BUS_FAULTS);
             asm!("cpsie f");
         }
-        if BANK.sr().read().dbeccerr() {
-            BANK.ccr().write(|w| w.set_clr_dbeccerr(true));
+        if bank().sr().read().dbeccerr() {
+            bank().ccr().write(|w| w.set_clr_dbeccerr(true));
             bytes.fill(0);
         }
     }
@@ -135,12 +139,12 @@ impl NorFlash for Flash {
         super::check(from, to.saturating_sub(from) as usize, self.capacity())?;
         for page in (from..to).step_by(PAGE) {
             Self::unlock();
-            BANK.cr().write(|w| {
+            bank().cr().write(|w| {
                 w.set_ser(true);
                 w.set_snb(FIRST_SECTOR + (page / PAGE as u32) as u8);
                 w.set_psize(PARALLEL);
             });
-            BANK.cr().modify(|w| w.set_start(true));
+            bank().cr().modify(|w| w.set_start(true));
             let erased = Self::wait().await;
             Self::lock();
             erased?;
@@ -151,7 +155,7 @@ impl NorFlash for Flash {
     async fn write(&mut self, offset: u32, bytes: &[u8]) -> Result<(), Fault> {
         super::check(offset, bytes.len(), self.capacity())?;
         Self::unlock();
-        BANK.cr().write(|w| {
+        bank().cr().write(|w| {
             w.set_pg(true);
             w.set_psize(PARALLEL);
         });
