@@ -11,7 +11,7 @@ use freshet::Synth;
 use freshet::control::Control;
 use freshet::mix::Output;
 use freshet::profile::Profile;
-use freshet::protocol::{Device as _, Shell};
+use freshet::protocol::{Device as _, Refusal, Shell};
 use static_cell::{ConstStaticCell, StaticCell};
 
 use crate::audio::{self, Update};
@@ -38,10 +38,19 @@ const ANSWERS: usize = 2048;
 /// The protocol on the serial line.
 static SHELL: ConstStaticCell<Shell<ANSWERS>> = ConstStaticCell::new(Shell::new());
 
+/// The same on the USB port.
+#[cfg(feature = "usb")]
+static USB_SHELL: ConstStaticCell<Shell<ANSWERS>> = ConstStaticCell::new(Shell::new());
+
 static WISHES: Channel<CriticalSectionRawMutex, Wish, 8> = Channel::new();
 
 /// Reads the scenes and starts the sound.
-pub fn start(button: board::Button, past: Past, spawner: Spawner) {
+pub fn start(
+    button: board::Button,
+    past: Past,
+    #[cfg(feature = "usb")] port: crate::usb::Port,
+    spawner: Spawner,
+) {
     let scenes = Scenes::open();
     let (mut kept, sound) = block_on(storage::open());
     let seed = scenes.seed();
@@ -54,7 +63,15 @@ pub fn start(button: board::Button, past: Past, spawner: Spawner) {
     tick(control, next);
     board::spawner().spawn(unwrap(audio::run(synth, first)));
     let device = Device::new(control, scenes, playing, kept, past);
-    spawner.spawn(unwrap(run(device, next, SHELL.take())));
+    let doors = Doors {
+        line: Line::start(),
+        shell: SHELL.take(),
+        #[cfg(feature = "usb")]
+        port,
+        #[cfg(feature = "usb")]
+        usb_shell: USB_SHELL.take(),
+    };
+    spawner.spawn(unwrap(run(device, next, doors)));
     spawner.spawn(unwrap(watch(button)));
 }
 
@@ -79,21 +96,70 @@ fn unwrap<T>(token: Result<T, embassy_executor::SpawnError>) -> T {
     token.expect("each task is started once")
 }
 
+/// Where the protocol is spoken.
+struct Doors {
+    line: Line,
+    shell: &'static mut Shell<ANSWERS>,
+    #[cfg(feature = "usb")]
+    port: crate::usb::Port,
+    #[cfg(feature = "usb")]
+    usb_shell: &'static mut Shell<ANSWERS>,
+}
+
+impl Doors {
+    fn greet(&mut self, device: &Device) {
+        self.shell.greet(device);
+        #[cfg(feature = "usb")]
+        self.usb_shell.greet(device);
+    }
+
+    /// Once a tick.
+    fn look(&mut self, device: &mut Device) {
+        (self.line).receive(|bytes| self.shell.receive(bytes, device));
+        self.shell.tick(device);
+        #[cfg(feature = "usb")]
+        {
+            (self.port).receive(|bytes| self.usb_shell.receive(bytes, device));
+            self.usb_shell.tick(device);
+        }
+        self.send();
+    }
+
+    fn send(&mut self) {
+        self.line.send(self.shell.out());
+        #[cfg(feature = "usb")]
+        self.port.send(self.usb_shell.out());
+    }
+
+    /// A job is over: the shell that began it answers.
+    fn finished(&mut self, result: Result<(), Refusal<'static>>) {
+        self.shell.finished(result);
+        #[cfg(feature = "usb")]
+        self.usb_shell.finished(result);
+    }
+
+    /// Starts the chip again, when the answer is out, or the line does not take it.
+    async fn restart(&mut self) -> ! {
+        const PATIENCE_MS: u64 = 200;
+        let end = Instant::now() + Duration::from_millis(PATIENCE_MS);
+        while Instant::now() < end && !(self.line.is_free() && self.shell.out().is_empty()) {
+            self.send();
+            Timer::after_millis(1).await;
+        }
+        // The last bytes leave the USART.
+        Timer::after_millis(2).await;
+        SCB::sys_reset()
+    }
+}
+
 /// One tick after another.
 #[embassy_executor::task]
-async fn run(
-    mut device: Device,
-    mut update: &'static mut Update,
-    shell: &'static mut Shell<ANSWERS>,
-) {
-    let mut line = Line::start();
-    shell.greet(&device);
+async fn run(mut device: Device, mut update: &'static mut Update, mut doors: Doors) {
+    doors.greet(&device);
     loop {
         update = audio::exchange(update).await;
         device.begin_tick();
-        line.receive(|bytes| shell.receive(bytes, &mut device));
-        shell.tick(&device);
-        line.send(shell.out());
+        doors.look(&mut device);
         while let Ok(Wish::NextScene) = WISHES.try_receive() {
             device.next_scene();
         }
@@ -103,27 +169,14 @@ async fn run(
             None => {}
             Some(Work::Keep) => {
                 let result = device.keep().await;
-                shell.finished(result);
+                doors.finished(result);
             }
             Some(Work::Restart) => {
-                shell.finished(Ok(()));
-                restart(&mut line, shell).await;
+                doors.finished(Ok(()));
+                doors.restart().await;
             }
         }
     }
-}
-
-/// Starts the chip again, when the answer is out, or the line does not take it.
-async fn restart(line: &mut Line, shell: &mut Shell<ANSWERS>) -> ! {
-    const PATIENCE_MS: u64 = 200;
-    let end = Instant::now() + Duration::from_millis(PATIENCE_MS);
-    while Instant::now() < end && !(line.is_free() && shell.out().is_empty()) {
-        line.send(shell.out());
-        Timer::after_millis(1).await;
-    }
-    // The last bytes leave the USART.
-    Timer::after_millis(2).await;
-    SCB::sys_reset()
 }
 
 /// Computes the next tick. A function of its own, so that it can be found and measured.

@@ -23,6 +23,8 @@ mod serial;
 mod stack;
 mod storage;
 mod supervisor;
+#[cfg(feature = "usb")]
+mod usb;
 
 use device::Past;
 use embassy_executor::Spawner;
@@ -46,6 +48,14 @@ async fn main(spawner: Spawner) {
         cause: reset.name(),
         panic: panic.unwrap_or(""),
     };
-    control::start(board.button, past, spawner);
+    #[cfg(feature = "usb")]
+    let usb = usb::start(board.usb, spawner);
+    control::start(
+        board.button,
+        past,
+        #[cfg(feature = "usb")]
+        usb,
+        spawner,
+    );
     supervisor::run(board.lights, board.watchdog).await
 }

@@ -105,6 +105,12 @@ pub fn init() -> Board {
             pin: Input::new(p.PA0, Pull::Down),
             down: true,
         },
+        #[cfg(feature = "usb")]
+        usb: crate::usb::Pins {
+            port: p.USB_OTG_FS,
+            plus: p.PA12,
+            minus: p.PA11,
+        },
         watchdog: p.IWDG,
         trouble: !crystal || codec.is_err(),
     }

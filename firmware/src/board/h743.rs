@@ -126,6 +126,14 @@ pub fn init() -> Board {
     config.rcc.apb4_pre = APBPrescaler::DIV2;
     config.rcc.voltage_scale = VoltageScale::Scale0;
     config.rcc.mux.spi123sel = rcc::mux::Saisel::PLL2_P;
+    #[cfg(feature = "usb")]
+    {
+        // 48 MHz of its own, trimmed by what the host sends.
+        config.rcc.hsi48 = Some(rcc::Hsi48Config {
+            sync_from_usb: true,
+        });
+        config.rcc.mux.usbsel = rcc::mux::Usbsel::HSI48;
+    }
     let p = embassy_stm32::init(config);
     // Flash is eight times as slow as the core. No cache for data: it is in the DTCM, and DMA's buffer needs none.
     // SAFETY: only this touches the caches, and nothing but the start runs yet.
@@ -146,6 +154,12 @@ pub fn init() -> Board {
         button: Button {
             pin: Input::new(p.PC13, Pull::Down),
             down: true,
+        },
+        #[cfg(feature = "usb")]
+        usb: crate::usb::Pins {
+            port: p.USB_OTG_FS,
+            plus: p.PA12,
+            minus: p.PA11,
         },
         watchdog: p.IWDG1,
         trouble: !clock,

@@ -24,6 +24,9 @@ pub struct Board {
     pub lights: Lights,
     /// The button that steps through the scenes.
     pub button: Button,
+    /// The USB port.
+    #[cfg(feature = "usb")]
+    pub usb: crate::usb::Pins,
     /// The watchdog, not started.
     pub watchdog: Peri<'static, Watchdog>,
     /// Something did not start as it should: the crystal, or the codec.
