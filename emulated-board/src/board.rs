@@ -530,6 +530,16 @@ impl Board {
         std::mem::take(&mut self.record.lock().sent)
     }
 
+    /// Has the firmware's serial port run at another rate than it chose: a bit takes `clocks` of the port's clock, until
+    /// the firmware sets it again.
+    ///
+    /// # Errors
+    ///
+    /// An emulator that has stopped.
+    pub fn serial_divider(&mut self, clocks: u32) -> Result<(), Error> {
+        self.with(move |core| core.part().serial_divider(clocks))
+    }
+
     /// Garbles this many of a million bytes the firmware receives, each with a framing error.
     ///
     /// # Errors

@@ -10,7 +10,7 @@ use rigless::device::{ErasedDevice, Level, ResetCause};
 use rigless::emulator::CoreSpec;
 use rigless::machine::armv7m::{Core, Fpu, MpuRegions, Variant};
 use rigless::mcu::{Mcu, Operate};
-use rigless::soc::stm32f427::generated::rcc as rcc_table;
+use rigless::soc::stm32f427::generated::{rcc as rcc_table, usart6};
 use rigless::soc::stm32f427::peripherals::dbg::Dbg;
 use rigless::soc::stm32f427::peripherals::dma::Dma;
 use rigless::soc::stm32f427::peripherals::gpio::{Gpio, Pin};
@@ -506,6 +506,11 @@ impl Part for F407 {
         if let Some(terminal) = self.models.usart[SERIAL].chip_mut::<Terminal>() {
             terminal.send(bytes);
         }
+    }
+
+    fn serial_divider(&mut self, clocks: u32) {
+        let registers = self.bus.slot_mut(self.slots.serial).registers_mut();
+        registers.set(usart6::Register::Brr, u64::from(clocks));
     }
 
     fn garble_serial(&mut self, per_million: u32) {

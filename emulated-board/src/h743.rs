@@ -237,6 +237,12 @@ impl Part for H743 {
         }
     }
 
+    fn serial_divider(&mut self, clocks: u32) {
+        let slot = self.part.bus().slot_of("USART3").unwrap_or_default();
+        let registers = self.part.bus_mut().slot_mut(slot).registers_mut();
+        registers.set(generated::usart1::Register::Brr, u64::from(clocks));
+    }
+
     fn garble_serial(&mut self, per_million: u32) {
         let errors = self.part.usart[SERIAL].errors_mut();
         errors.framing = rigless::chip::uart::Rate {

@@ -70,6 +70,8 @@ pub(crate) trait Part: Mcu + Send + std::fmt::Debug {
     fn power_on(&mut self);
     /// Types `bytes` on the serial line.
     fn type_serial(&mut self, bytes: &[u8]);
+    /// Has a bit on the serial line take this many clocks of the port, both ways.
+    fn serial_divider(&mut self, clocks: u32);
     /// Has this many words in a million arrive garbled on the serial line, each with a framing error.
     fn garble_serial(&mut self, per_million: u32);
     /// Drives the user button's pin.

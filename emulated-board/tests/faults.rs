@@ -12,7 +12,7 @@ use freshet_host::scene_file::SceneFile;
 
 /// What renders a block, and the DMA's interrupt.
 const PLAY: &str = "freshet_firmware::audio::Player::play";
-const DMA: u16 = 16;
+const DMA: u16 = 47;
 /// Lights: alive, clip, late, trouble.
 const LATE: usize = 2;
 const TROUBLE: usize = 3;

@@ -43,21 +43,20 @@ impl Record {
     }
 }
 
-/// Reports the record of the last crash, if there is one, and takes it away. True where there was.
-pub fn report() -> bool {
-    // SAFETY: every pattern of bits is a Record; nothing else touches it at the start.
+/// What the last crash before this start said. Call once, at the start: the next start is told nothing of it.
+pub fn take() -> Option<&'static str> {
+    // SAFETY: every pattern of bits is a Record; after this only a crash writes to it, which does not return.
     let record = unsafe { &mut *BLACKBOX.0.get().cast::<Record>() };
     let valid =
         record.magic == MAGIC && record.length as usize <= TEXT && record.check == record.sum();
     record.magic = 0;
+    let text = &record.text[..record.length as usize % (TEXT + 1)];
+    // A character that found no room whole is left out.
+    let text = text.utf8_chunks().next().map_or("", |chunk| chunk.valid());
     if valid {
-        let text = &record.text[..record.length as usize];
-        log::error!(
-            "crashed before: {}",
-            core::str::from_utf8(text).unwrap_or("?")
-        );
+        log::error!("crashed before: {}", text);
     }
-    valid
+    valid.then_some(text)
 }
 
 /// Writes into the record until it is full.

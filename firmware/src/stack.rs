@@ -10,7 +10,9 @@ unsafe extern "C" {
     pub static mut _stack_start: u32;
 }
 
-/// Paints the unused part of the stack.
+/// Paints the unused part of the stack. A function of its own: inlined, it would stand in the middle of a larger frame,
+/// and paint over that.
+#[inline(never)]
 pub fn paint() {
     // Not a variable's address: a caller's frame, of any size, may lie below that.
     let here = cortex_m::register::msp::read() as *mut u32;

@@ -1,6 +1,8 @@
 //! A board with the real firmware, and the desk to compare it with.
 #![allow(dead_code, reason = "each test takes what it needs")]
 
+pub mod talk;
+
 use std::path::PathBuf;
 use std::time::Duration;
 
