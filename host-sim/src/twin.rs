@@ -1,7 +1,9 @@
 //! A board's twin on the desk: the same instrument behind the same protocol.
 
 use std::collections::BTreeMap;
+use std::time::Duration;
 
+use anyhow::Result;
 use freshet::control::Control;
 use freshet::mix::Output;
 use freshet::param;
@@ -12,6 +14,7 @@ use freshet::scene::Scene;
 use freshet::{Frame, TICK};
 
 use crate::board::{Board, Player};
+use crate::built_in;
 
 /// Bytes of answers that may wait.
 const OUT: usize = 1 << 16;
@@ -76,6 +79,12 @@ impl Twin {
         }
     }
 
+    /// A twin of the F407 with the scenes that travel with the command, at 48 kHz.
+    pub fn example() -> Result<Self> {
+        let scenes = built_in::named()?;
+        Ok(Self::new(Board::F407, 48_000, 7, scenes, Kept::default()))
+    }
+
     /// Takes bytes as from the line.
     pub fn receive(&mut self, bytes: &[u8]) {
         self.shell.receive(bytes, &mut self.device);
@@ -84,9 +93,19 @@ impl Twin {
     /// All bytes that the twin has to say.
     pub fn take(&mut self) -> Vec<u8> {
         let mut out = vec![0; OUT];
-        let count = self.shell.out().take(&mut out);
+        let count = self.take_into(&mut out);
         out.truncate(count);
         out
+    }
+
+    /// The same, as far as they fit; returns how many.
+    pub fn take_into(&mut self, out: &mut [u8]) -> usize {
+        self.shell.out().take(out)
+    }
+
+    /// Time between two ticks.
+    pub fn tick_time(&self) -> Duration {
+        Duration::from_secs_f64(TICK as f64 / f64::from(self.device.rate))
     }
 
     /// Fills `out` with what is heard next.
