@@ -112,7 +112,8 @@ pub struct Control {
     mixed: Mixed,
     triggers: Deque<Trigger, TRIGGERS>,
     muted: bool,
-    /// From 1 to 0 where it is muted.
+    paused: bool,
+    /// From 1 to 0 where it is muted or pauses.
     gain: f32,
 }
 
@@ -148,6 +149,7 @@ impl Control {
             mixed: ([0.0; 3], 1.0),
             triggers: Deque::new(),
             muted: false,
+            paused: false,
             gain: 1.0,
         };
         control.ramps = control.take(scene).map(Ramp::at);
@@ -177,9 +179,14 @@ impl Control {
         self.muted = on;
     }
 
+    /// The same for the device itself, whatever a person asked for: everything sounds that neither mutes.
+    pub fn pause(&mut self, on: bool) {
+        self.paused = on;
+    }
+
     /// Whether everything is faded out.
     pub fn is_muted(&self) -> bool {
-        self.muted && self.gain == 0.0
+        (self.muted || self.paused) && self.gain == 0.0
     }
 
     /// Sounds a bubble of `radius` metres, `pressure` Pa at 1 m, and `rise_factor`, in the middle. Returns by how many
@@ -280,7 +287,7 @@ impl Control {
             (update.water).drive(&self.drive, radii, impulses, self.sample_rate);
         }
         let step = TICK as f32 / (MUTE_RAMP * self.sample_rate);
-        self.gain = if self.muted {
+        self.gain = if self.muted || self.paused {
             (self.gain - step).max(0.0)
         } else {
             (self.gain + step).min(1.0)

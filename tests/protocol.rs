@@ -228,13 +228,16 @@ fn what_is_stored_comes_back() {
     let mut twin = twin();
     ask(&mut twin, "scene light-rain");
     ask(&mut twin, "set water.rate=123 mix.level=-9 ramp=0");
-    assert_eq!(ask(&mut twin, "store 3 my rain"), ["ok store 3 my rain"]);
-    assert_eq!(ask(&mut twin, "store"), ["ok store"]);
+    let answer = ask(&mut twin, "store 3 my rain");
+    assert!(answer[0].starts_with("pause of about 501 ms at "));
+    assert!(answer[1].starts_with("ok store 3 my rain at "));
+    assert!(ask(&mut twin, "store")[1].starts_with("ok store at "));
     ask(&mut twin, "scene river");
     let presets = ask(&mut twin, "presets");
     assert_eq!(presets[0], "settings = over light-rain");
     assert_eq!(presets[1], "preset 3 = my rain (over light-rain)");
     let answer = ask(&mut twin, "recall 3");
+    assert_eq!(answer[0], "scene 6 = light-rain (plays)");
     assert!(answer.contains(&"mix.level = -9 dB".to_owned()));
     assert!(
         answer
@@ -252,10 +255,13 @@ fn what_is_stored_comes_back() {
     );
 
     assert_eq!(ask(&mut twin, "boot"), ["boot = default", "ok boot"]);
-    assert_eq!(ask(&mut twin, "boot preset 3"), ["ok boot preset 3"]);
+    assert!(ask(&mut twin, "boot preset 3")[1].starts_with("ok boot preset 3 at "));
     ask(&mut twin, "restart");
-    twin.render(&mut [Frame::ZERO; TICK]);
-    twin.take();
+    twin.render(&mut [Frame::ZERO; 100 * TICK]);
+    let greeting = String::from_utf8(twin.take()).expect("text");
+    assert!(greeting.contains("mix.level = -9 dB\n"));
+    let last = greeting.lines().last().unwrap_or_default();
+    assert!(last.ends_with("at=128 scene=light-rain"), "{greeting}");
     assert_eq!(twin.device().control().get(rate), 123.0);
     ask(&mut twin, "erase 3");
     assert_eq!(

@@ -455,7 +455,7 @@ impl Client {
                     return Ok(Outcome::Failed(Error::Refused(refusal.to_string())));
                 }
                 Reply::Skipped(refusal) => refused.push(refusal.to_string()),
-                Reply::Pause(ms) => {
+                Reply::Pause { ms, .. } => {
                     within = 4 * Duration::from_millis(ms.into()) + self.timeout;
                     until = Instant::now() + within;
                 }

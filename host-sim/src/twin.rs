@@ -19,6 +19,9 @@ use crate::built_in;
 /// Bytes of answers that may wait.
 const OUT: usize = 1 << 16;
 
+/// How long the sound pauses while settings are kept, s.
+const PAUSE: f64 = 0.5;
+
 /// What survives a restart.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Kept {
@@ -38,6 +41,24 @@ pub struct TwinDevice {
     player: Box<dyn Player>,
     playing: u16,
     restarting: bool,
+    output: Output,
+    /// How long the sound pauses for a job, ticks.
+    pause: u32,
+    awaited: Option<Awaited>,
+}
+
+/// A job under way.
+struct Awaited {
+    job: Change,
+    /// Ticks until it is done.
+    left: u32,
+}
+
+/// What a job changes.
+enum Change {
+    Store(Slot, Preset),
+    Erase(Slot),
+    Boot(BootRecord),
 }
 
 /// A board's twin: bytes go in and out as on its serial line, and sound comes out.
@@ -58,15 +79,30 @@ impl Twin {
         scenes: Vec<(String, Scene)>,
         kept: Kept,
     ) -> Self {
+        Self::with_output(board, rate, seed, scenes, kept, Output::Bits24)
+    }
+
+    /// The same; boards put out [`Output::Bits24`].
+    pub fn with_output(
+        board: Board,
+        rate: u32,
+        seed: u64,
+        scenes: Vec<(String, Scene)>,
+        kept: Kept,
+        output: Output,
+    ) -> Self {
         let mut device = TwinDevice {
             board,
             rate,
             seed,
-            player: board.player(&Scene::default(), rate, seed, Output::Bits24),
+            player: board.player(&Scene::default(), rate, seed, output),
             scenes,
             kept,
             playing: 0,
             restarting: false,
+            output,
+            pause: (PAUSE * f64::from(rate) / TICK as f64).ceil() as u32,
+            awaited: None,
         };
         device.start();
         let mut shell = Shell::new();
@@ -123,7 +159,14 @@ impl Twin {
     fn tick(&mut self) {
         if std::mem::take(&mut self.device.restarting) {
             self.device.start();
+            // What was said before is still on its way.
+            let said = self.take();
+            self.shell = Shell::new();
+            self.shell.out().put(&said);
             self.shell.greet(&self.device);
+        }
+        if self.device.job_ends() {
+            self.shell.finished(Ok(()), &self.device);
         }
         self.shell.tick(&self.device);
         self.device.player.render(&mut self.rendered);
@@ -159,7 +202,40 @@ impl TwinDevice {
         let scene = scene
             .or_else(|| Some(self.scene(number)?.1))
             .unwrap_or_default();
-        self.player = (self.board).player(&scene, self.rate, self.seed, Output::Bits24);
+        self.player = (self.board).player(&scene, self.rate, self.seed, self.output);
+    }
+
+    /// Comes a tick nearer to the end of a job; true where it is done now.
+    fn job_ends(&mut self) -> bool {
+        let Some(mut awaited) = self.awaited.take() else {
+            return false;
+        };
+        awaited.left = awaited.left.saturating_sub(1);
+        if awaited.left > 0 {
+            self.awaited = Some(awaited);
+            return false;
+        }
+        match awaited.job {
+            Change::Store(slot, preset) => {
+                self.kept.presets.insert(slot, preset);
+            }
+            Change::Erase(slot) => {
+                self.kept.presets.remove(&slot);
+            }
+            Change::Boot(boot) => self.kept.boot = boot,
+        }
+        self.player.control().pause(false);
+        true
+    }
+
+    /// Changes how many ticks the sound pauses for a job, at least 1.
+    pub fn set_pause(&mut self, ticks: u32) {
+        self.pause = ticks.max(1);
+    }
+
+    /// What is kept, to change it from outside.
+    pub fn kept_mut(&mut self) -> &mut Kept {
+        &mut self.kept
     }
 
     /// The sound's source.
@@ -225,16 +301,19 @@ impl Device for TwinDevice {
         self.kept.boot.clone()
     }
     fn begin(&mut self, job: Job<'_>) -> Result<Option<u32>, Refusal<'static>> {
-        match job {
-            Job::Store(slot, preset) => {
-                self.kept.presets.insert(slot, preset.clone());
+        let job = match job {
+            Job::Store(slot, preset) => Change::Store(slot, preset.clone()),
+            Job::Erase(slot) => Change::Erase(slot),
+            Job::Boot(boot) => Change::Boot(boot.clone()),
+            Job::Restart => {
+                self.restarting = true;
+                return Ok(None);
             }
-            Job::Erase(slot) => {
-                self.kept.presets.remove(&slot);
-            }
-            Job::Boot(boot) => self.kept.boot = boot.clone(),
-            Job::Restart => self.restarting = true,
-        }
-        Ok(None)
+        };
+        self.player.control().pause(true);
+        let left = self.pause;
+        self.awaited = Some(Awaited { job, left });
+        let ms = f64::from(left) * TICK as f64 * 1000.0 / f64::from(self.rate);
+        Ok(Some(ms.round() as u32))
     }
 }

@@ -120,11 +120,14 @@ fn reports_come_until_they_are_not_wanted_any_more() {
     assert_eq!(board.poll(Duration::from_millis(100)).unwrap(), None);
 }
 
+/// What may be done to bytes on their way.
+type Harm = fn(&mut Vec<u8>);
+
 /// A twin behind a bad line.
 struct Bad {
     twin: Twin,
     /// What is done to the bytes of each answer, one after the other.
-    harm: VecDeque<fn(&mut Vec<u8>)>,
+    harm: VecDeque<Harm>,
     waiting: VecDeque<u8>,
     sent: Arc<AtomicU32>,
 }
@@ -154,12 +157,12 @@ impl Link for Bad {
     }
 }
 
-fn bad(harm: &[fn(&mut Vec<u8>)]) -> Result<Client, Error> {
+fn bad(harm: &[Harm]) -> Result<Client, Error> {
     counted(harm, &Arc::default())
 }
 
 /// The same, and counts how often something is sent.
-fn counted(harm: &[fn(&mut Vec<u8>)], sent: &Arc<AtomicU32>) -> Result<Client, Error> {
+fn counted(harm: &[Harm], sent: &Arc<AtomicU32>) -> Result<Client, Error> {
     let mut twin = Twin::example().unwrap();
     // The greeting is there, and so is half a line that nobody ended.
     twin.receive(b"sett mix.lev");
@@ -171,34 +174,32 @@ fn counted(harm: &[fn(&mut Vec<u8>)], sent: &Arc<AtomicU32>) -> Result<Client, E
     })
 }
 
-fn spoil(bytes: &mut Vec<u8>) {
+const SPOIL: Harm = |bytes| {
     let middle = bytes.len() / 2;
     bytes[middle] ^= 0x20;
-}
+};
 
-fn swallow(bytes: &mut Vec<u8>) {
-    bytes.clear();
-}
+const SWALLOW: Harm = Vec::clear;
 
 #[test]
 fn what_a_line_does_to_an_answer_is_mended_where_asking_again_is_harmless() {
     let keep = |_: &mut Vec<u8>| {};
     let half = |bytes: &mut Vec<u8>| drop(bytes.drain(..7));
     let noise = |bytes: &mut Vec<u8>| drop(bytes.splice(0..0, *b"\xff\x01\x01\x00\x80abc\xff"));
-    for harm in [half, noise, spoil] {
+    for harm in [half, noise, SPOIL] {
         let mut board = bad(&[harm]).unwrap();
         assert_eq!(board.hello().unwrap().board, "f407");
     }
     // The first read has the greeting and the hello; then the answer to the question is hit.
-    let mut board = bad(&[keep, spoil]).unwrap();
+    let mut board = bad(&[keep, SPOIL]).unwrap();
     assert_eq!(board.get(&["mix.level"]).unwrap().len(), 1);
-    let mut board = bad(&[keep, spoil, spoil, spoil]).unwrap();
+    let mut board = bad(&[keep, SPOIL, SPOIL, SPOIL]).unwrap();
     board.set_timeout(Duration::from_millis(100));
     let answer = board.get(&["mix.level"]);
     assert!(matches!(answer, Err(Error::Damaged { .. })), "{answer:?}");
     // A bubble more would be heard: nothing is sent twice.
     let sent = Arc::default();
-    let mut board = counted(&[keep, spoil], &sent).unwrap();
+    let mut board = counted(&[keep, SPOIL], &sent).unwrap();
     board.set_timeout(Duration::from_millis(100));
     let answer = board.trigger(None, None, None);
     assert!(matches!(answer, Err(Error::Damaged { .. })), "{answer:?}");
@@ -208,7 +209,7 @@ fn what_a_line_does_to_an_answer_is_mended_where_asking_again_is_harmless() {
 #[test]
 fn silence_and_strange_bytes_are_told_apart_and_end() {
     let begun = Instant::now();
-    let error = bad(&[swallow as fn(&mut Vec<u8>); 3]).err().unwrap();
+    let error = bad(&[SWALLOW; 3]).err().unwrap();
     assert!(
         matches!(error, Error::Timeout { heard: 0, .. }),
         "{error:?}"
