@@ -421,3 +421,29 @@ fn the_splitter_gives_back_every_frame_whatever_is_in_it() {
         assert_eq!(found, 1);
     }
 }
+
+/// Bytes as docs/protocol.md shows them.
+fn shown(bytes: &[u8]) -> String {
+    let bytes: Vec<String> = bytes.iter().map(|byte| format!("{byte:02x}")).collect();
+    bytes.join(" ")
+}
+
+#[test]
+fn the_frames_of_the_documentation_are_true() {
+    let docs = std::fs::read_to_string(concat!(env!("CARGO_MANIFEST_DIR"), "/docs/protocol.md"));
+    let docs = docs.expect("docs/protocol.md");
+    let mut bytes = [0; 512];
+    let mut check = |message: &dyn Fn(&mut [u8]) -> usize| {
+        let length = message(&mut bytes);
+        let shown = shown(&bytes[..length]);
+        assert!(docs.contains(&shown), "not in docs/protocol.md: {shown}");
+    };
+    let set = Request::Set {
+        values: [(501, -6.0)].into_iter().collect(),
+        ramp: None,
+    };
+    check(&|out| encode(&(1 as Tag, &set), out).expect("it fits"));
+    let done = Reply::Done { at: Some(51_200) };
+    check(&|out| encode(&(1 as Tag, &done), out).expect("it fits"));
+    check(&|out| encode(&(2 as Tag, &Request::Hello), out).expect("it fits"));
+}

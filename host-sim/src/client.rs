@@ -41,7 +41,7 @@ use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 use freshet::param;
 use freshet::protocol::{
     BootRecord, Choice, FRAME_MAX, FrameError, Item, PAIRS, PAYLOAD_MAX, Pair, Refusal, Reply,
-    Request, Slot, Splitter, Tag, decode, encode,
+    Request, Slot, Splitter, Tag, decode, encode, parse,
 };
 
 /// Bits a second where nothing else is said.
@@ -615,8 +615,12 @@ fn id(path: &str) -> Result<u16, Error> {
     match param::index_of(path) {
         Some(index) => Ok(param::TABLE[index].id),
         None => {
-            let near = crate::scene_file::nearest(path, param::TABLE.iter().map(|row| row.path));
-            Err(Error::Refused(Refusal::Path(path, near).to_string()))
+            // In the board's own words.
+            let mut why = Refusal::Path(path, None).to_string();
+            let _ = parse(&format!("get {path}"), &mut |refusal| {
+                why = refusal.to_string();
+            });
+            Err(Error::Refused(why))
         }
     }
 }

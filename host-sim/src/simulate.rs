@@ -2,12 +2,14 @@
 
 use std::path::{Path, PathBuf};
 use std::sync::atomic::AtomicBool;
+#[cfg(unix)]
 use std::sync::{Arc, Mutex};
 
 use anyhow::Result;
 use clap::Args;
 
 use crate::board::Board;
+use crate::source::Source;
 use crate::twin::{Kept, Setup, Twin};
 use crate::{built_in, keep};
 
@@ -17,9 +19,9 @@ pub struct Request {
     /// Whose twin
     #[arg(long, value_enum, default_value = "f407")]
     pub board: Board,
-    /// What it plays at the start, where no `boot` was kept [default: the first one]
-    #[arg(long, value_name = "NAME")]
-    pub scene: Option<String>,
+    /// What it plays at the start, where no `boot` was kept
+    #[arg(long, value_name = "NAME", default_value = "brook")]
+    pub scene: String,
     /// The same seed gives the same sound
     #[arg(long, default_value_t = 1)]
     pub seed: u64,
@@ -35,13 +37,8 @@ impl Request {
     /// The twin that is asked for, at `rate` Hz.
     pub fn twin(&self, rate: u32) -> Result<Twin> {
         let scenes = built_in::named()?;
-        let first = match &self.scene {
-            Some(name) => {
-                let wanted = crate::source::Source::built_in(name)?.name;
-                scenes.iter().position(|(name, _)| *name == wanted)
-            }
-            None => None,
-        };
+        let wanted = Source::built_in(&self.scene)?.name;
+        let first = scenes.iter().position(|(name, _)| *name == wanted);
         let kept = self.keep.as_deref().map(keep::load).transpose()?;
         if let (Some(path), Some(kept)) = (&self.keep, &kept) {
             // What cannot be written is found out before anything is to be kept.
@@ -163,6 +160,7 @@ pub enum Told<'a> {
     Late,
 }
 
+/// Says that it cannot be done here.
 #[cfg(not(unix))]
 pub fn simulate(
     _request: &Request,

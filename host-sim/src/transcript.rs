@@ -46,7 +46,7 @@ pub enum Act<'a> {
     /// A command that can be given again.
     Ask(Request<'a>),
     /// A preset was recalled.
-    Recall(Preset),
+    Recall(Box<Preset>),
     /// The sound faded out, and so many ticks later in again.
     Pause(u32),
 }
@@ -298,7 +298,7 @@ impl<'a> Reader<'a, '_> {
                     ))
                 })?;
                 let preset = self.told(&told, told.scene)?;
-                self.event(told.line, at, Act::Recall(preset));
+                self.event(told.line, at, Act::Recall(Box::new(preset)));
             }
             (Request::Store { .. } | Request::Erase(_) | Request::SetBoot(_), Some(at)) => {
                 // Without a pause it is not heard.

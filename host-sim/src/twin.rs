@@ -76,7 +76,7 @@ struct Awaited {
 
 /// What a job changes.
 enum Change {
-    Store(Slot, Preset),
+    Store(Slot, Box<Preset>),
     Erase(Slot),
     Boot(BootRecord),
 }
@@ -252,7 +252,7 @@ impl TwinDevice {
         }
         match awaited.job {
             Change::Store(slot, preset) => {
-                self.kept.presets.insert(slot, preset);
+                self.kept.presets.insert(slot, *preset);
             }
             Change::Erase(slot) => {
                 self.kept.presets.remove(&slot);
@@ -340,7 +340,7 @@ impl Device for TwinDevice {
             return Err(Refusal::Busy);
         }
         let job = match job {
-            Job::Store(slot, preset) => Change::Store(slot, preset.clone()),
+            Job::Store(slot, preset) => Change::Store(slot, Box::new(preset.clone())),
             Job::Erase(slot) => Change::Erase(slot),
             Job::Boot(boot) => Change::Boot(boot.clone()),
             Job::Restart => {
