@@ -436,7 +436,7 @@ impl Display for Line<'_> {
             }
             Reply::Boot(boot) => writeln!(f, "boot = {boot}"),
             Reply::Status(status) => status.fmt(f),
-            Reply::Pause(ms) => writeln!(f, "the sound fades out for about {ms} ms"),
+            Reply::Pause { ms, at } => writeln!(f, "pause of about {ms} ms at {at}"),
             Reply::Skipped(refusal) | Reply::Refused(refusal) => writeln!(f, "error {refusal}"),
             Reply::Done { at: Some(at) } => writeln!(f, "ok {} at {at}", self.1),
             Reply::Done { at: None } => writeln!(f, "ok {}", self.1),
