@@ -51,7 +51,11 @@ pub fn weight_at(height: f32) -> f32 {
 
 /// The bars under a stroke from one point to another, each `(class, height)`.
 pub fn stroke(from: (usize, f32), to: (usize, f32)) -> impl Iterator<Item = (usize, f32)> {
-    let (a, b) = if from.0 <= to.0 { (from, to) } else { (to, from) };
+    let (a, b) = if from.0 <= to.0 {
+        (from, to)
+    } else {
+        (to, from)
+    };
     let span = (b.0 - a.0) as f32;
     // A stroke that stays in a bar ends where it ends.
     let at = move |class: usize| {

@@ -61,7 +61,10 @@ pub enum Ask {
 impl Ask {
     /// Whether the answer is yes or no.
     pub fn is_yes_or_no(&self) -> bool {
-        matches!(self, Self::Overwrite(_) | Self::Replace(..) | Self::Erase(_))
+        matches!(
+            self,
+            Self::Overwrite(_) | Self::Replace(..) | Self::Erase(_)
+        )
     }
 }
 
@@ -213,7 +216,11 @@ impl Model {
         self.muted = false;
         self.report = None;
         self.take(standing);
-        let back = if was_lost { "is back" } else { "has started anew" };
+        let back = if was_lost {
+            "is back"
+        } else {
+            "has started anew"
+        };
         if before == self.settings {
             self.say(format!("{} {back}, and sounds as before", self.port));
         } else {
@@ -525,9 +532,9 @@ impl Model {
         let [from, to] = [from, to].map(|(class, height)| (class.min(last), height));
         self.class = to.0;
         let bars: Vec<_> = classes::stroke(from, to).collect();
-        let bars = bars.into_iter().map(|(class, height)| {
-            (WEIGHT + class, classes::weight_at(height))
-        });
+        let bars = bars
+            .into_iter()
+            .map(|(class, height)| (WEIGHT + class, classes::weight_at(height)));
         self.weigh(bars.collect(), Gesture::Draw);
     }
 
@@ -584,7 +591,9 @@ impl Model {
     fn follow(&mut self) {
         let intensity = self.settings.values[param::INTENSITY];
         let moved = self.curves().iter();
-        let moved: Vec<_> = moved.map(|curve| (curve.param, curve.at(intensity))).collect();
+        let moved: Vec<_> = moved
+            .map(|curve| (curve.param, curve.at(intensity)))
+            .collect();
         for (index, value) in moved {
             self.settings.values[index] = value;
         }
@@ -614,9 +623,15 @@ impl Model {
     fn go(&mut self, settings: Settings) {
         let mut all = false;
         if settings.scene != self.settings.scene {
-            let scene = self.scenes.iter().position(|scene| scene.name == settings.scene);
+            let scene = self
+                .scenes
+                .iter()
+                .position(|scene| scene.name == settings.scene);
             let Some(place) = scene else {
-                return self.warn(format!("the board has no scene `{}` any more", settings.scene));
+                return self.warn(format!(
+                    "the board has no scene `{}` any more",
+                    settings.scene
+                ));
             };
             let file = self.scenes[place].file.clone();
             all = file.is_none();
@@ -689,7 +704,9 @@ impl Model {
                 let slot = *slot;
                 let kept = self.presets.iter().any(|preset| preset.slot == slot);
                 if !kept {
-                    self.say(format!("nothing is kept in slot {slot}; w keeps the settings there"));
+                    self.say(format!(
+                        "nothing is kept in slot {slot}; w keeps the settings there"
+                    ));
                 } else if self.lost.is_some() {
                     self.warn("nobody is there to hear it; waiting for the board");
                 } else {
@@ -718,7 +735,10 @@ impl Model {
             Ask::File if text.is_empty() => self.say("not saved"),
             Ask::File => {
                 let mut path = PathBuf::from(text);
-                if path.extension().is_none_or(|end| !end.eq_ignore_ascii_case("toml")) {
+                if path
+                    .extension()
+                    .is_none_or(|end| !end.eq_ignore_ascii_case("toml"))
+                {
                     path.as_mut_os_string().push(".toml");
                 }
                 self.errands.push(Errand::Save(path, false));

@@ -124,7 +124,11 @@ pub fn shown(param: &Param, value: f32) -> String {
 /// A number in four digits.
 pub fn number(value: f32) -> String {
     if value == 0.0 || !value.is_finite() {
-        return if value == 0.0 { "0".to_owned() } else { value.to_string() };
+        return if value == 0.0 {
+            "0".to_owned()
+        } else {
+            value.to_string()
+        };
     }
     let whole = f64::from(value).abs().log10().floor() as i32 + 1;
     let decimals = (4 - whole).clamp(0, 7) as usize;
@@ -210,9 +214,15 @@ mod tests {
 
     #[test]
     fn values_are_written_short_and_with_their_unit() {
-        assert_eq!(shown_with_unit(&TABLE[param::RATE], 12_345.678), "12346 1/s");
+        assert_eq!(
+            shown_with_unit(&TABLE[param::RATE], 12_345.678),
+            "12346 1/s"
+        );
         assert_eq!(shown_with_unit(&TABLE[param::PRESSURE], 0.05), "0.05 Pa");
-        assert_eq!(shown_with_unit(&TABLE[param::PRESSURE], 0.000_123_4), "0.0001234 Pa");
+        assert_eq!(
+            shown_with_unit(&TABLE[param::PRESSURE], 0.000_123_4),
+            "0.0001234 Pa"
+        );
         assert_eq!(shown(&TABLE[param::LAW], 2.0), "custom");
         assert_eq!(number(-6.5), "-6.5");
         assert_eq!(number(0.999_99), "1");
