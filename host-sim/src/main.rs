@@ -123,7 +123,8 @@ fn run(cli: Cli) -> Result<ExitCode> {
         Command::Play { scene, seed, set } => play(&scene, seed, &set),
         Command::Flash(request) => flash(&request),
         Command::Control(request) => {
-            control::control(&request, &on_ctrl_c()?)?;
+            let stop = on_ctrl_c()?;
+            control::control(&request, &stop)?;
             Ok(ExitCode::SUCCESS)
         }
         Command::Simulate(request) => simulate(&request),

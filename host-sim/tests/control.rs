@@ -3,6 +3,7 @@
 
 use std::fs;
 use std::io::{Read, Write};
+use std::num::NonZeroU16;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
 use std::sync::{Arc, Mutex};
@@ -16,7 +17,9 @@ use freshet_host::control::action::Action;
 use freshet_host::control::fit;
 use freshet_host::control::input::{self, Grip};
 use freshet_host::control::layout::Layout;
-use freshet_host::control::model::{Ask, Errand, Focus, Known, Model, Overlay, SaveError, Standing};
+use freshet_host::control::model::{
+    Ask, Errand, Focus, Known, Model, Overlay, SaveError, Standing,
+};
 use freshet_host::control::outbox::Order;
 use freshet_host::control::save;
 use freshet_host::control::slider::Step;
@@ -114,21 +117,35 @@ fn keys_turn_parameters_and_u_takes_it_back() {
 
     press(&mut model, "j-");
     assert_eq!(model.parameter, param::RATE);
-    assert_eq!(orders(&mut model), [Order::Set(vec![(101, 23_600.0)], None)]);
+    assert_eq!(
+        orders(&mut model),
+        [Order::Set(vec![(101, 23_600.0)], None)]
+    );
     press(&mut model, "u");
-    assert_eq!(orders(&mut model), [Order::Set(vec![(101, 25_000.0)], None)]);
+    assert_eq!(
+        orders(&mut model),
+        [Order::Set(vec![(101, 25_000.0)], None)]
+    );
     press(&mut model, "u");
     // The intensity at once, and with it what it moves.
     let Some(Order::Set(pairs, Some(0.0))) = model.order() else {
         panic!()
     };
-    assert_eq!((pairs[0], pairs[1]), ((1, 0.5), (101, 4000.0)));
+    assert_eq!((pairs[0], pairs.len()), ((1, 0.5), 4));
+    assert!(pairs[1..].contains(&(101, 4000.0)));
     assert_eq!(model.order(), None);
     assert_eq!(model.settings.values, values("brook"));
     press(&mut model, "U");
     assert_eq!(model.settings.values[param::INTENSITY], 1.0);
     press(&mut model, "uu");
-    assert!(model.message.as_ref().unwrap().text.contains("nothing to undo"));
+    assert!(
+        model
+            .message
+            .as_ref()
+            .unwrap()
+            .text
+            .contains("nothing to undo")
+    );
 }
 
 #[test]
@@ -139,7 +156,10 @@ fn a_value_may_be_typed_with_its_unit_and_a_wrong_one_is_refused_in_words() {
     press(&mut model, "\n1e9\n");
     assert_eq!(orders(&mut model), []);
     let text = &model.message.as_ref().unwrap().text;
-    assert_eq!(text, "water.rate = 1e9: expected a number from 0 to 1000000 1/s");
+    assert_eq!(
+        text,
+        "water.rate = 1e9: expected a number from 0 to 1000000 1/s"
+    );
     model.act(Action::Select(param::LAW));
     press(&mut model, "\nflat\n");
     assert_eq!(orders(&mut model), [Order::Set(vec![(105, 0.0)], None)]);
@@ -168,9 +188,24 @@ fn drawing_makes_the_law_custom_and_begins_from_what_was_heard() {
         }
     };
     let (left, top) = (bars.x, bars.y);
-    mouse(&mut model, MouseEventKind::Down(MouseButton::Left), left + 10, top);
-    mouse(&mut model, MouseEventKind::Drag(MouseButton::Left), left + 20, top + bars.height - 1);
-    mouse(&mut model, MouseEventKind::Up(MouseButton::Left), left + 20, top);
+    mouse(
+        &mut model,
+        MouseEventKind::Down(MouseButton::Left),
+        left + 10,
+        top,
+    );
+    mouse(
+        &mut model,
+        MouseEventKind::Drag(MouseButton::Left),
+        left + 20,
+        top + bars.height - 1,
+    );
+    mouse(
+        &mut model,
+        MouseEventKind::Up(MouseButton::Left),
+        left + 20,
+        top,
+    );
     let values = &model.settings.values;
     assert_eq!(values[param::LAW], 2.0);
     assert_eq!(values[param::WEIGHT + 10], 1.0);
@@ -191,16 +226,34 @@ fn drawing_makes_the_law_custom_and_begins_from_what_was_heard() {
     // A slider is dragged, and what the wheel is over turns.
     let row = layout.sliders.y + 1;
     let track = layout.track(row);
-    mouse(&mut model, MouseEventKind::Down(MouseButton::Left), track.x, row);
-    mouse(&mut model, MouseEventKind::Drag(MouseButton::Left), 200, row + 7);
+    mouse(
+        &mut model,
+        MouseEventKind::Down(MouseButton::Left),
+        track.x,
+        row,
+    );
+    mouse(
+        &mut model,
+        MouseEventKind::Drag(MouseButton::Left),
+        200,
+        row + 7,
+    );
     assert_eq!(model.settings.values[param::INTENSITY], 1.0);
     mouse(&mut model, MouseEventKind::Up(MouseButton::Left), 0, 0);
     mouse(&mut model, MouseEventKind::ScrollDown, track.x + 3, row);
     assert_eq!(model.settings.values[param::INTENSITY], 0.99);
     // A click on a scene plays it.
-    mouse(&mut model, MouseEventKind::Down(MouseButton::Left), 3, layout.scenes.y + 2);
+    mouse(
+        &mut model,
+        MouseEventKind::Down(MouseButton::Left),
+        3,
+        layout.scenes.y + 2,
+    );
     assert_eq!(model.playing(), Some(1));
-    assert_eq!(orders(&mut model).pop(), Some(Order::Scene(model.scenes[1].name.clone())));
+    assert_eq!(
+        orders(&mut model).pop(),
+        Some(Order::Scene(model.scenes[1].name.clone()))
+    );
 }
 
 #[test]
@@ -211,7 +264,8 @@ fn what_is_saved_sounds_as_it_stands() {
     model.act(Action::Slide(param::RADIUS_MIN, 0.95));
     model.act(Action::Draw((3, 0.2), (8, 0.7)));
     let text = save::scene_file(&model, "a \"title\"");
-    let file = SceneFile::parse("saved.toml", &text).unwrap_or_else(|error| panic!("{error}\n{text}"));
+    let file =
+        SceneFile::parse("saved.toml", &text).unwrap_or_else(|error| panic!("{error}\n{text}"));
     assert_eq!(file.title, "a \"title\"");
     for (index, param) in TABLE.iter().enumerate() {
         let expected = match index {
@@ -221,7 +275,11 @@ fn what_is_saved_sounds_as_it_stands() {
             index => model.settings.values[index],
         };
         let saved = file.value(index);
-        assert!((saved - expected).abs() <= 1e-5 * expected.abs(), "{} {saved} {expected}", param.path);
+        assert!(
+            (saved - expected).abs() <= 1e-5 * expected.abs(),
+            "{} {saved} {expected}",
+            param.path
+        );
     }
     // The intensity goes on moving what was not turned.
     assert_eq!(file.scene.curves.len(), 2);
@@ -230,7 +288,11 @@ fn what_is_saved_sounds_as_it_stands() {
         let text = save::scene_file(&model, "t");
         let file = SceneFile::parse("t.toml", &text).unwrap();
         for index in 0..COUNT {
-            assert_eq!(file.value(index), scene.file.as_ref().unwrap().value(index), "{text}");
+            assert_eq!(
+                file.value(index),
+                scene.file.as_ref().unwrap().value(index),
+                "{text}"
+            );
         }
     }
 }
@@ -240,7 +302,10 @@ fn a_file_that_is_there_is_asked_about_first() {
     let folder = Folder::new();
     let mut model = model();
     press(&mut model, "s");
-    assert_eq!(model.overlay, Overlay::Prompt(Ask::File, "my-brook.toml".to_owned()));
+    assert_eq!(
+        model.overlay,
+        Overlay::Prompt(Ask::File, "my-brook.toml".to_owned())
+    );
     for _ in 0..20 {
         press(&mut model, "\u{8}");
     }
@@ -259,7 +324,10 @@ fn a_file_that_is_there_is_asked_about_first() {
     assert_eq!(model.errands, [Errand::Save(path.clone(), true)]);
     assert_eq!(save::save(&model, &path, true), Ok(()));
     let nowhere = folder.0.join("no/where.toml");
-    assert!(matches!(save::save(&model, &nowhere, false), Err(SaveError::Failed(_))));
+    assert!(matches!(
+        save::save(&model, &nowhere, false),
+        Err(SaveError::Failed(_))
+    ));
     assert_eq!(fs::read_dir(&folder.0).unwrap().count(), 1);
 }
 
@@ -275,7 +343,14 @@ fn a_board_that_goes_and_comes_back_is_told_and_what_was_can_be_brought_back() {
     assert!(picture(&mut model, 80, 24).contains("/dev/ttyACM0 is gone (trying again)"));
     model.connected(standing("surf"));
     assert_eq!(model.settings.scene, "surf");
-    assert!(model.message.as_ref().unwrap().text.contains("u brings back"));
+    assert!(
+        model
+            .message
+            .as_ref()
+            .unwrap()
+            .text
+            .contains("u brings back")
+    );
     press(&mut model, "u");
     assert_eq!(model.settings, before);
     let orders = orders(&mut model);
@@ -300,7 +375,10 @@ fn an_old_answer_does_not_undo_a_new_order() {
     // The board's button.
     let other = standing("surf");
     model.standing(model.given, other.hello, &other.values);
-    assert_eq!((model.settings.scene.as_str(), model.is_changed()), ("surf", false));
+    assert_eq!(
+        (model.settings.scene.as_str(), model.is_changed()),
+        ("surf", false)
+    );
 }
 
 /// A model as a person may have it before them.
@@ -368,7 +446,15 @@ fn the_guide_shows_what_the_screen_shows() {
 #[test]
 fn every_size_and_every_overlay_is_drawn() {
     let mut model = seen();
-    for (width, height) in [(1, 1), (20, 5), (64, 18), (80, 24), (81, 25), (200, 60), (300, 20)] {
+    for (width, height) in [
+        (1, 1),
+        (20, 5),
+        (64, 18),
+        (80, 24),
+        (81, 25),
+        (200, 60),
+        (300, 20),
+    ] {
         for keys in ["", "?", "?p", "\u{1b}s", "\u{1b}v", "\t", "\t", "\t"] {
             press(&mut model, keys);
             let picture = picture(&mut model, width, height);
@@ -394,7 +480,8 @@ impl Folder {
         use std::sync::atomic::{AtomicU32, Ordering};
         static COUNT: AtomicU32 = AtomicU32::new(0);
         let count = COUNT.fetch_add(1, Ordering::Relaxed);
-        let path = std::env::temp_dir().join(format!("freshet-control-{}-{count}", std::process::id()));
+        let path =
+            std::env::temp_dir().join(format!("freshet-control-{}-{count}", std::process::id()));
         fs::create_dir_all(&path).unwrap();
         Self(path)
     }
@@ -433,7 +520,8 @@ impl Tui {
         command.env("NO_COLOR", "1");
         let child = pair.slave.spawn_command(command).unwrap();
         let mut output = pair.master.try_clone_reader().unwrap();
-        let screen = Arc::new(Mutex::new(vt100::Parser::new(24, 80, 0)));
+        let [rows, columns] = [24, 80].map(|count| NonZeroU16::new(count).unwrap());
+        let screen = Arc::new(Mutex::new(vt100::Parser::new(rows, columns, 0)));
         let parser = Arc::clone(&screen);
         thread::spawn(move || {
             let mut buffer = [0; 4096];
@@ -495,7 +583,11 @@ impl Tui {
         {
             // A line is a line again, and what is typed is seen.
             let modes = self.master.get_termios().unwrap();
-            assert!(modes.local_flags.contains(portable_pty_flags::ICANON), "{modes:?}");
+            let modes = format!("{:?}", modes.local_flags);
+            assert!(
+                modes.contains("ICANON") && modes.contains("ECHO"),
+                "{modes}"
+            );
         }
         status.exit_code()
     }
@@ -511,23 +603,30 @@ impl Drop for Tui {
 #[test]
 fn typed_keys_change_the_sound_of_the_machine_at_hand() {
     let folder = Folder::new();
-    let mut tui = Tui::start(&folder, "--here --silent --scene brook --seed 5 --log log.txt");
+    let mut tui = Tui::start(
+        &folder,
+        "--here --silent --scene brook --seed 5 --log log.txt",
+    );
     let text = tui.shows("4000 1/s");
-    assert!(text.contains("desk's twin on this machine, silent"), "{text}");
+    assert!(
+        text.contains("desk's twin on this machine, silent"),
+        "{text}"
+    );
     tui.comes("a report", |text| text.contains("births/s"));
     // An arrow down and two right.
     tui.type_in("\x1b[B\x1b[C\x1b[C");
     tui.shows("4490 1/s");
     // With shift, and with control.
     tui.type_in("\x1b[1;2C\x1b[1;5C");
-    tui.shows("8030 1/s");
+    tui.shows("8026 1/s");
     tui.type_in("\r2000\r");
     tui.shows("2000 1/s");
     // The mouse, on the intensity: at the left end of its track.
     tui.type_in("\x1b[<0;36;4M\x1b[<0;36;4m");
-    tui.comes("no intensity", |text| text.lines().any(|line| {
-        line.contains("intensity") && line.trim_end().ends_with("*0")
-    }));
+    tui.comes("no intensity", |text| {
+        text.lines()
+            .any(|line| line.contains("intensity") && line.trim_end().ends_with("*0"))
+    });
     tui.type_in("u");
     tui.shows("2000 1/s");
     tui.type_in("smine\r");
@@ -560,7 +659,9 @@ impl Board {
             .unwrap();
         let mut line = String::new();
         let output = child.stdout.take().unwrap();
-        std::io::BufReader::new(output).read_line(&mut line).unwrap();
+        std::io::BufReader::new(output)
+            .read_line(&mut line)
+            .unwrap();
         let word = |word: &&str| word.starts_with('/');
         let port = line.split_whitespace().find(word).unwrap_or_default();
         Self {
@@ -588,7 +689,11 @@ fn typed_keys_change_the_sound_of_a_board_and_it_may_be_unplugged() {
     assert!(text.contains("f407 on /"), "{text}");
     // Choose another scene, and change it.
     tui.type_in("\x1b[Z\x1b[B\x1b[B\r");
-    tui.comes("another scene", |text| text.lines().next().is_some_and(|line| line.contains("cave-drip")));
+    tui.comes("another scene", |text| {
+        text.lines()
+            .next()
+            .is_some_and(|line| line.contains("cave-drip"))
+    });
     tui.type_in("\t\r0.8\r");
     tui.type_in("\x1b[F\x1b[A\r-4.5\r");
     tui.shows("-4.5 dB");
@@ -596,8 +701,12 @@ fn typed_keys_change_the_sound_of_a_board_and_it_may_be_unplugged() {
     assert_eq!(tui.ends(), 0);
     let mut client = Client::open(&board.port, 115_200).unwrap();
     assert_eq!(client.hello().unwrap().scene, "cave-drip");
-    let values = client.get(&["intensity", "mix.tone"]).unwrap();
-    assert_eq!(values, [0.8, -4.5]);
+    // On its way there.
+    let until = Instant::now() + PATIENCE;
+    while client.get(&["intensity", "mix.tone"]).unwrap() != [0.8, -4.5] {
+        assert!(Instant::now() < until);
+        thread::sleep(Duration::from_millis(20));
+    }
     drop(client);
 
     // Again, and the board goes away.

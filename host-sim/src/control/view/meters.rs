@@ -101,8 +101,8 @@ fn spectrum(frame: &mut Frame<'_>, model: &Model, theme: &Theme, area: Rect) {
         let last = ((column + 1) * BANDS / columns).clamp(first + 1, BANDS);
         let levels = bands.get(first..last).unwrap_or_default();
         let level = levels.iter().copied().fold(FLOOR, f32::max);
-        // 20 dB are left above: no bubble's partial comes to full scale.
-        let height = ((level - FLOOR) / (-FLOOR - 20.0)).clamp(0.0, 1.0);
+        // No bubble's partial comes near full scale.
+        let height = ((level - FLOOR) / (-FLOOR - 10.0)).clamp(0.0, 1.0);
         for row in 0..area.height {
             let text = cell(height, area.height - 1 - row, area.height);
             let cell = frame
