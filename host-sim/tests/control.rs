@@ -340,7 +340,7 @@ fn a_board_that_goes_and_comes_back_is_told_and_what_was_can_be_brought_back() {
     model.lost("/dev/ttyACM0 is gone".to_owned());
     press(&mut model, "+9mt");
     assert_eq!((orders(&mut model), &model.settings), (Vec::new(), &before));
-    assert!(picture(&mut model, 80, 24).contains("/dev/ttyACM0 is gone (trying again)"));
+    assert!(picture(&mut model, 80, 24).contains("trying again: /dev/ttyACM0 is gone"));
     model.connected(standing("surf"));
     assert_eq!(model.settings.scene, "surf");
     assert!(
@@ -709,15 +709,60 @@ fn typed_keys_change_the_sound_of_a_board_and_it_may_be_unplugged() {
     }
     drop(client);
 
-    // Again, and the board goes away.
-    let mut tui = Tui::start(&folder, &board.port.clone());
+    // Again, and the board is unplugged, and plugged in again.
+    let plug = folder.0.join("board");
+    std::os::unix::fs::symlink(&board.port, &plug).unwrap();
+    let mut tui = Tui::start(&folder, plug.to_str().unwrap());
     let text = tui.shows("births/s");
     assert!(text.contains("cave-drip*"), "{text}");
-    board.child.kill().unwrap();
-    board.child.wait().unwrap();
+    // Before its number is another terminal's.
+    fs::remove_file(&plug).unwrap();
+    drop(board);
     tui.shows("[gone]");
     tui.shows("trying again");
-    tui.type_in("+q");
+    tui.type_in("+");
+    tui.shows("nobody is there");
+    board = Board::start();
+    std::os::unix::fs::symlink(&board.port, &plug).unwrap();
+    tui.shows("u brings back");
+    tui.type_in("u");
+    tui.comes("the scene", |text| first_line(text).contains("cave-drip*"));
+    tui.type_in("q");
+    assert_eq!(tui.ends(), 0);
+    let mut client = Client::open(&board.port, 115_200).unwrap();
+    assert_eq!(client.hello().unwrap().scene, "cave-drip");
+    let until = Instant::now() + PATIENCE;
+    while client.get(&["intensity", "mix.tone"]).unwrap() != [0.8, -4.5] {
+        assert!(Instant::now() < until);
+        thread::sleep(Duration::from_millis(20));
+    }
+}
+
+/// What the header says.
+fn first_line(text: &str) -> &str {
+    text.lines().next().unwrap_or_default()
+}
+
+#[test]
+fn the_screen_follows_the_terminal_and_is_given_back_at_the_end() {
+    let folder = Folder::new();
+    let mut tui = Tui::start(&folder, "--here --silent --board f411");
+    let text = tui.shows("births/s");
+    assert!(!text.contains("rise_factor"), "{text}");
+    let [rows, columns] = [42, 110].map(|count| NonZeroU16::new(count).unwrap());
+    (tui.screen.lock().unwrap().screen_mut()).set_size(rows, columns);
+    let size = PtySize {
+        rows: 42,
+        cols: 110,
+        ..PtySize::default()
+    };
+    tui.master.resize(size).unwrap();
+    tui.shows("irregularity");
+    // Half an escape sequence, and what no terminal sends.
+    tui.type_in("\x1b[<0;9999;9999M\x1b[99~\u{fffd}\x1b");
+    let pid = tui.child.process_id().unwrap().to_string();
+    let killed = Command::new("kill").args(["-TERM", &pid]).status();
+    assert!(killed.unwrap().success());
     assert_eq!(tui.ends(), 0);
 }
 

@@ -1,6 +1,6 @@
 //! Keys and the mouse become actions.
 
-use freshet::param::WEIGHT;
+use freshet::param::{self, WEIGHT};
 use ratatui::crossterm::event::{
     KeyCode, KeyEvent, KeyEventKind, KeyModifiers, MouseButton, MouseEvent, MouseEventKind,
 };
@@ -217,8 +217,10 @@ fn scene_at(model: &Model, layout: &Layout, at: Position) -> Option<usize> {
 }
 
 fn slider_at(model: &Model, layout: &Layout, at: Position) -> Option<usize> {
-    let row = row_in(layout.sliders, at)? + model.scroll.0;
-    match rows().get(row)? {
+    let Some(row) = row_in(layout.sliders, at)?.checked_sub(1) else {
+        return Some(param::INTENSITY);
+    };
+    match rows().get(row + model.scroll.0)? {
         Row::Slider(index) => Some(*index),
         Row::Heading(_) => None,
     }

@@ -43,14 +43,15 @@ pub enum Row {
     Slider(usize),
 }
 
-/// The rows of all sliders.
+/// The rows of the sliders that scroll: all but the intensity's, which always stands above them.
 pub fn rows() -> Vec<Row> {
     let mut rows = Vec::new();
     let mut group = "";
     for (index, param) in TABLE.iter().enumerate().take(WEIGHT) {
-        if let Some((of, _)) = param.path.split_once('.')
-            && of != group
-        {
+        let Some((of, _)) = param.path.split_once('.') else {
+            continue;
+        };
+        if of != group {
             group = of;
             rows.push(Row::Heading(group));
         }
@@ -67,7 +68,7 @@ impl Layout {
         }
         let row = |y: u16| Rect::new(area.x, area.y + y, area.width, 1);
         let middle = area.height - 4;
-        let low = (middle * 2 / 5).clamp(6, 18);
+        let low = (middle * 2 / 5).min(8).max(middle * 3 / 10).min(18);
         let high = middle - low;
         let bar = if area.width >= 160 { 2 } else { 1 };
         let classes = (64 * bar + 1).min(area.width.saturating_sub(12).max(48));
@@ -96,9 +97,9 @@ impl Layout {
         Rect::new(self.sliders.x + NAME, y, width, 1)
     }
 
-    /// Rows for sliders.
+    /// Rows for sliders that scroll.
     pub fn slider_rows(&self) -> usize {
-        usize::from(self.sliders.height - 1)
+        usize::from(self.sliders.height - 2)
     }
 
     /// Rows for scenes.

@@ -413,7 +413,13 @@ impl Model {
                 self.focus(Focus::Parameters);
                 self.parameter = index.min(WEIGHT - 1);
             }
-            Action::View => self.wide_spectrum = !self.wide_spectrum,
+            Action::View => {
+                self.wide_spectrum = !self.wide_spectrum;
+                // Nobody draws in what is not seen.
+                if self.wide_spectrum && self.focus == Focus::Classes {
+                    self.focus = Focus::Parameters;
+                }
+            }
             Action::Pause => self.history.pause(),
             Action::Save => {
                 let name = format!("my-{}.toml", self.settings.scene.replace(' ', "-"));

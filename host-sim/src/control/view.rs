@@ -84,7 +84,7 @@ fn right(frame: &mut Frame<'_>, line: Line<'_>, area: Rect) {
 
 fn telemetry(frame: &mut Frame<'_>, model: &Model, theme: &Theme, area: Rect) {
     if let Some(why) = &model.lost {
-        let text = format!(" {why} (trying again)");
+        let text = format!(" trying again: {why}");
         return frame.render_widget(Paragraph::new(text).style(theme.warning), area);
     }
     let Some(report) = &model.report else {
@@ -174,7 +174,7 @@ fn about(frame: &mut Frame<'_>, model: &Model, theme: &Theme, area: Rect) {
             };
             let default = super::slider::shown(param, param.default);
             format!(
-                "{}: {} ({range}; default {default})",
+                "{}: {range}, default {default}: {}",
                 param.path, param.about
             )
         }

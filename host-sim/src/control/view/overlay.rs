@@ -40,7 +40,7 @@ pub(super) fn foot(frame: &mut Frame<'_>, model: &Model, theme: &Theme, area: Re
     let keys = match model.focus {
         Focus::Scenes => "↑↓ choose  enter play  ←→ intensity  tab sliders  0-9 intensity  m mute",
         Focus::Parameters => {
-            "↑↓ choose  ←→ turn (shift ×10, ctrl ÷10)  enter value  d default  u undo  s save"
+            "↑↓ choose  ←→ turn (shift ×10, ctrl ÷10)  enter value  u undo  s save"
         }
         Focus::Classes => {
             "←→ choose  ↑↓ raise (shift, ctrl)  mouse draws  d default  u undo  s save"
@@ -79,7 +79,6 @@ const HELP: &[&str] = &[
     "s                save as a scene file for freshet render",
     "v                spectrum in place of the classes",
     "q, ctrl-c        quit; the board plays on",
-    "",
     "mouse            click a scene; drag sliders; draw the classes;",
     "                 wheel turns; right button: back to the scene's value",
     "",

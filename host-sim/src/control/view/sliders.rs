@@ -1,6 +1,6 @@
 //! The scenes, and the sliders of all parameters but the weights.
 
-use freshet::param::TABLE;
+use freshet::param::{self, TABLE};
 use ratatui::Frame;
 use ratatui::layout::Rect;
 use ratatui::text::{Line, Span};
@@ -54,8 +54,9 @@ pub(super) fn draw(frame: &mut Frame<'_>, model: &Model, theme: &Theme, layout: 
     };
     let name = format!("parameters{more}");
     title(frame, theme, area, &name, model.focus == Focus::Parameters);
+    slider(frame, model, theme, layout, param::INTENSITY, area.y + 1);
     for (at, row) in rows[first.min(last)..last].iter().enumerate() {
-        let y = area.y + 1 + at as u16;
+        let y = area.y + 2 + at as u16;
         match row {
             Row::Heading(group) => {
                 let line = Line::styled(format!("  {group}"), theme.dim);
