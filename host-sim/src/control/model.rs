@@ -222,13 +222,10 @@ impl Model {
             "has started anew"
         };
         if before == self.settings {
-            self.say(format!("{} {back}, and sounds as before", self.port));
+            self.say(format!("the board {back}, and sounds as before"));
         } else {
             self.history.note(&before, Gesture::Single, self.now);
-            self.say(format!(
-                "{} {back} with settings of its own; u brings back what you had",
-                self.port
-            ));
+            self.say(format!("the board {back}; u brings back what you had"));
         }
     }
 
@@ -272,7 +269,7 @@ impl Model {
         if other && self.playing().is_some() && after == self.given {
             let before = self.settings.clone();
             self.history.note(&before, Gesture::Single, self.now);
-            self.say(format!("{} plays {}", self.port, hello.scene));
+            self.say(format!("the board plays {}", hello.scene));
         }
         self.stands(hello, values);
         if other {

@@ -95,7 +95,7 @@ pub fn control(request: &Request, stop: &AtomicBool) -> Result<()> {
             (twin, voice) = here(request, &mut known, &tap)?;
             client = Client::over(Arc::clone(&twin))?;
             port = if request.silent {
-                "this machine, silent"
+                "this desk, silent"
             } else {
                 "this machine"
             }

@@ -55,11 +55,17 @@ pub fn draw(frame: &mut Frame<'_>, model: &Model, theme: &Theme) {
 fn header(frame: &mut Frame<'_>, model: &Model, theme: &Theme, area: Rect) {
     let changed = if model.is_changed() { "*" } else { "" };
     let scene = format!(" {}{changed} ", model.settings.scene);
-    let place = if model.here {
-        format!(" {}'s twin on {}", model.hello.board, model.port)
+    let twin = if model.here { "'s twin" } else { "" };
+    // The end of a long path tells most.
+    let port: Vec<char> = model.port.chars().collect();
+    let room = usize::from(area.width).saturating_sub(56).max(12);
+    let port = if port.len() > room {
+        let end: String = port[port.len() - room..].iter().collect();
+        format!("…{end}")
     } else {
-        format!(" {} on {}", model.hello.board, model.port)
+        port.into_iter().collect()
     };
+    let place = format!(" {}{twin} on {port}", model.hello.board);
     let state = match (&model.lost, model.muted) {
         (Some(_), _) => " [gone] ",
         (None, true) => " [muted] ",
