@@ -608,7 +608,7 @@ fn typed_keys_change_the_sound_of_the_machine_at_hand() {
         "--here --silent --scene brook --seed 5 --log log.txt",
     );
     let text = tui.shows("4000 1/s");
-    assert!(text.contains("desk's twin on this desk, silent"), "{text}");
+    assert!(text.contains("desk's twin, silent"), "{text}");
     tui.comes("a report", |text| text.contains("births/s"));
     // An arrow down and two right.
     tui.type_in("\x1b[B\x1b[C\x1b[C");

@@ -299,7 +299,7 @@ impl Model {
 
     /// The next order, if one waits.
     pub fn order(&mut self) -> Option<Order> {
-        let order = self.outbox.next()?;
+        let order = self.outbox.take()?;
         self.given += 1;
         Some(order)
     }

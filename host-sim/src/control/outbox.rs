@@ -53,7 +53,7 @@ impl Outbox {
     }
 
     /// The next one, with at most as many parameters as go into a message.
-    pub fn next(&mut self) -> Option<Order> {
+    pub fn take(&mut self) -> Option<Order> {
         let order = self.orders.pop_front()?;
         match order {
             Order::Set(mut pairs, ramp) if pairs.len() > PAIRS => {
@@ -91,7 +91,7 @@ mod tests {
             outbox.set(param::WEIGHT + k, 0.5, None);
         }
         let mut sent = Vec::new();
-        while let Some(Order::Set(pairs, None)) = outbox.next() {
+        while let Some(Order::Set(pairs, None)) = outbox.take() {
             assert!(pairs.len() <= PAIRS);
             sent.extend(pairs);
         }
@@ -109,10 +109,10 @@ mod tests {
         outbox.set(param::INTENSITY, 0.3, Some(0.0));
         outbox.set(param::RATE, 2.0, Some(0.0));
         outbox.set(param::INTENSITY, 0.4, Some(0.0));
-        assert_eq!(outbox.next(), Some(Order::Mute(true)));
-        assert_eq!(outbox.next(), Some(Order::Scene("surf".to_owned())));
+        assert_eq!(outbox.take(), Some(Order::Mute(true)));
+        assert_eq!(outbox.take(), Some(Order::Scene("surf".to_owned())));
         let set = Order::Set(vec![(101, 2.0), (1, 0.4)], Some(0.0));
-        assert_eq!(outbox.next(), Some(set));
-        assert_eq!(outbox.next(), None);
+        assert_eq!(outbox.take(), Some(set));
+        assert_eq!(outbox.take(), None);
     }
 }

@@ -95,9 +95,9 @@ pub fn control(request: &Request, stop: &AtomicBool) -> Result<()> {
             (twin, voice) = here(request, &mut known, &tap)?;
             client = Client::over(Arc::clone(&twin))?;
             port = if request.silent {
-                "this desk, silent"
+                "silent"
             } else {
-                "this machine"
+                "sound card"
             }
             .to_owned();
             open = Box::new(move || Client::over(Arc::clone(&twin)));

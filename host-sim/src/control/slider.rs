@@ -94,8 +94,13 @@ fn unit_step(param: &Param) -> f32 {
 
 fn to_multiple(value: f32, of: f32) -> f32 {
     let (value, of) = (f64::from(value), f64::from(of));
-    let digits = 1e6;
-    (((value / of).round() * of * digits).round() / digits) as f32
+    let count = (value / of).round();
+    // Divided where that is exact: steps are 1, 2 or 5, halves of them, and decimals.
+    if of < 1.0 {
+        (count / (1.0 / of).round()) as f32
+    } else {
+        (count * (of * 2.0).round() / 2.0) as f32
+    }
 }
 
 fn to_digits(value: f32, digits: i32) -> f32 {

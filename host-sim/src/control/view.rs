@@ -55,7 +55,7 @@ pub fn draw(frame: &mut Frame<'_>, model: &Model, theme: &Theme) {
 fn header(frame: &mut Frame<'_>, model: &Model, theme: &Theme, area: Rect) {
     let changed = if model.is_changed() { "*" } else { "" };
     let scene = format!(" {}{changed} ", model.settings.scene);
-    let twin = if model.here { "'s twin" } else { "" };
+    let on = if model.here { "'s twin," } else { " on" };
     // The end of a long path tells most.
     let port: Vec<char> = model.port.chars().collect();
     let room = usize::from(area.width).saturating_sub(56).max(12);
@@ -65,7 +65,7 @@ fn header(frame: &mut Frame<'_>, model: &Model, theme: &Theme, area: Rect) {
     } else {
         port.into_iter().collect()
     };
-    let place = format!(" {}{twin} on {port}", model.hello.board);
+    let place = format!(" {}{on} {port}", model.hello.board);
     let state = match (&model.lost, model.muted) {
         (Some(_), _) => " [gone] ",
         (None, true) => " [muted] ",
