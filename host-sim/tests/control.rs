@@ -626,13 +626,31 @@ fn typed_keys_change_the_sound_of_the_machine_at_hand() {
     });
     tui.type_in("u");
     tui.shows("2000 1/s");
+    // A preset is kept, forgotten by the hand, and recalled.
+    tui.type_in("pwone\r");
+    tui.comes("that it is kept", |text| {
+        text.trim_end().ends_with("kept in slot 1")
+    });
+    tui.type_in("j\r50\r");
+    tui.shows("50 1/s");
+    tui.type_in("p");
+    tui.shows("1  one (over brook)");
+    tui.type_in("\r");
+    tui.shows("2000 1/s");
+    tui.type_in("m");
+    tui.shows("[muted]");
     tui.type_in("smine\r");
     tui.shows("saved: freshet render my-brook.tomlmine.toml");
     // Ctrl-C is a key like any other.
     tui.type_in("\x03");
     assert_eq!(tui.ends(), 0);
     let log = fs::read_to_string(folder.0.join("log.txt")).unwrap();
-    for line in ["ok set water.rate=2000 at ", "ok set intensity=0 at "] {
+    for line in [
+        "ok set water.rate=2000 at ",
+        "ok set intensity=0 at ",
+        "ok recall 1 at ",
+        "ok mute on at ",
+    ] {
         assert!(log.contains(line), "{log}");
     }
     let saved = SceneFile::open(&folder.0.join("my-brook.tomlmine.toml")).unwrap();
