@@ -16,6 +16,8 @@ pub mod bubble_events;
 #[cfg(feature = "command")]
 pub mod client;
 #[cfg(feature = "command")]
+pub mod control;
+#[cfg(feature = "command")]
 pub mod flash;
 #[cfg(feature = "command")]
 pub mod keep;

@@ -10,7 +10,7 @@ use anyhow::{Context, Result};
 use clap::{Parser, Subcommand};
 use freshet_host::simulate::Told;
 use freshet_host::talk::Port;
-use freshet_host::{bench, flash, list, record, render, replay, simulate, talk};
+use freshet_host::{bench, control, flash, list, record, render, replay, simulate, talk};
 
 /// Water and fire from physics: render scenes, hear them, measure them.
 #[derive(Debug, Parser)]
@@ -47,6 +47,8 @@ enum Command {
     },
     /// Put the firmware on a board and start it
     Flash(flash::Request),
+    /// Play a board, or this machine, on a live terminal screen
+    Control(control::Request),
     /// Run a board's twin behind a port of its own; prints the port's path
     Simulate(simulate::Request),
     /// Read parameters of a board
@@ -120,6 +122,11 @@ fn run(cli: Cli) -> Result<ExitCode> {
         }
         Command::Play { scene, seed, set } => play(&scene, seed, &set),
         Command::Flash(request) => flash(&request),
+        Command::Control(request) => {
+            let stop = on_ctrl_c()?;
+            control::control(&request, &stop)?;
+            Ok(ExitCode::SUCCESS)
+        }
         Command::Simulate(request) => simulate(&request),
         Command::Get { port, path } => say(&talk::get(&port, &path)?),
         Command::Set { port, values, ramp } => say(&talk::set(&port, &values, ramp)?),

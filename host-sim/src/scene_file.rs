@@ -194,7 +194,8 @@ fn check(param: &Param, value: f32, shown: &str) -> Result<f32> {
     Ok(value)
 }
 
-fn parse_value(param: &Param, text: &str) -> Result<f32> {
+/// A value as people write it, checked.
+pub(crate) fn parse_value(param: &Param, text: &str) -> Result<f32> {
     if let Kind::Choice(names) = param.kind
         && let Some(index) = names.iter().position(|name| *name == text)
     {
