@@ -8,7 +8,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 use anyhow::{Context, Result};
 use clap::{Parser, Subcommand};
-use freshet_host::{bench, flash, list, render};
+use freshet_host::{bench, bridge, flash, list, render};
 
 /// Water and fire from physics: render scenes, hear them, measure them.
 #[derive(Debug, Parser)]
@@ -43,6 +43,8 @@ enum Command {
         #[arg(long = "set", value_name = "PATH=VALUE")]
         set: Vec<String>,
     },
+    /// Play a board by OSC and MIDI
+    Bridge(bridge::Request),
     /// Put the firmware on a board and start it
     Flash(flash::Request),
     /// Measure the speed of this machine against real time
@@ -80,6 +82,10 @@ fn run(cli: Cli) -> Result<ExitCode> {
             say(&list::describe(path.as_deref(), scene.as_deref())?)
         }
         Command::Play { scene, seed, set } => play(&scene, seed, &set),
+        Command::Bridge(request) => match bridge::bridge(&request, &on_ctrl_c()?)? {
+            Some(text) => say(&text),
+            None => Ok(ExitCode::SUCCESS),
+        },
         Command::Flash(request) => flash(&request),
         Command::Bench(request) => say(&bench::bench(&request)?),
     }
