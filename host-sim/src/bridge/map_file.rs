@@ -313,6 +313,12 @@ pub fn learn(path: &Path, channel: u8, cc: u8, index: usize) -> Result<Mapping> 
 /// `text` with that controller.
 fn bound(text: &str, channel: u8, cc: u8, index: usize) -> Result<String> {
     let mut document: DocumentMut = text.parse()?;
+    // Comments that nothing follows yet stay above what comes.
+    let above = document.is_empty().then(|| {
+        let above = document.trailing().as_str().unwrap_or_default().to_owned();
+        document.set_trailing("");
+        above
+    });
     let param = TABLE[index].path;
     let rules = document
         .entry("cc")
@@ -345,6 +351,9 @@ fn bound(text: &str, channel: u8, cc: u8, index: usize) -> Result<String> {
     match rules {
         Item::ArrayOfTables(tables) => {
             let mut table = Table::new();
+            if let Some(above) = above {
+                table.decor_mut().set_prefix(above);
+            }
             for (key, value) in fields {
                 table.insert(key, Item::Value(value));
             }
