@@ -25,10 +25,12 @@
 //! ```
 
 mod error;
+mod lines;
 mod link;
 mod reply;
 
 pub use error::Error;
+pub use lines::Lines;
 pub use link::{Link, Serial};
 pub use reply::{Event, Hello, PresetInfo, Report, Row, SceneInfo};
 

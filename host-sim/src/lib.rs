@@ -20,19 +20,33 @@ pub mod client;
 #[cfg(feature = "command")]
 pub mod flash;
 #[cfg(feature = "command")]
+pub mod keep;
+#[cfg(feature = "command")]
 pub mod list;
 #[cfg(feature = "play")]
 pub mod play;
 #[cfg(feature = "flash")]
 pub mod probe;
+#[cfg(all(feature = "command", unix))]
+mod pty;
+#[cfg(feature = "command")]
+pub mod record;
 #[cfg(feature = "command")]
 pub mod reference;
 #[cfg(feature = "command")]
 pub mod render;
 #[cfg(feature = "command")]
+pub mod replay;
+#[cfg(feature = "command")]
+pub mod simulate;
+#[cfg(feature = "command")]
 pub mod source;
 #[cfg(feature = "command")]
 pub mod spectrogram;
+#[cfg(feature = "command")]
+pub mod talk;
+#[cfg(feature = "command")]
+pub mod transcript;
 #[cfg(feature = "command")]
 pub mod twin;
 #[cfg(feature = "command")]

@@ -31,12 +31,32 @@ pub struct Kept {
     pub boot: BootRecord,
 }
 
+/// What a twin is made from.
+#[derive(Clone, Debug)]
+pub struct Setup {
+    /// Whose twin.
+    pub board: Board,
+    /// Sample rate, Hz.
+    pub rate: u32,
+    /// Seed of the sound.
+    pub seed: u64,
+    /// What a board has in its bank.
+    pub scenes: Vec<(String, Scene)>,
+    /// The number of the scene that is played at the start, where nothing else is kept.
+    pub first: u16,
+    /// What was kept.
+    pub kept: Kept,
+    /// What comes out; of a board [`Output::Bits24`].
+    pub output: Output,
+}
+
 /// The instrument and all that belongs to it.
 pub struct TwinDevice {
     board: Board,
     rate: u32,
     seed: u64,
     scenes: Vec<(String, Scene)>,
+    first: u16,
     kept: Kept,
     player: Box<dyn Player>,
     playing: u16,
@@ -79,26 +99,37 @@ impl Twin {
         scenes: Vec<(String, Scene)>,
         kept: Kept,
     ) -> Self {
-        Self::with_output(board, rate, seed, scenes, kept, Output::Bits24)
+        Self::with(Setup {
+            board,
+            rate,
+            seed,
+            scenes,
+            first: 0,
+            kept,
+            output: Output::Bits24,
+        })
     }
 
-    /// The same; boards put out [`Output::Bits24`].
-    pub fn with_output(
-        board: Board,
-        rate: u32,
-        seed: u64,
-        scenes: Vec<(String, Scene)>,
-        kept: Kept,
-        output: Output,
-    ) -> Self {
+    /// The same, with all that can be chosen.
+    pub fn with(setup: Setup) -> Self {
+        let Setup {
+            board,
+            rate,
+            seed,
+            scenes,
+            first,
+            kept,
+            output,
+        } = setup;
         let mut device = TwinDevice {
             board,
             rate,
             seed,
             player: board.player(&Scene::default(), rate, seed, output),
             scenes,
+            first,
             kept,
-            playing: 0,
+            playing: first,
             restarting: false,
             output,
             pause: (PAUSE * f64::from(rate) / TICK as f64).ceil() as u32,
@@ -187,15 +218,19 @@ impl Twin {
 impl TwinDevice {
     /// Begins to play what it is to play when the power comes on.
     fn start(&mut self) {
+        let usual = (None, self.first);
         let (scene, number) = match self.kept.boot.boot() {
-            Boot::Default => (None, 0),
-            Boot::Scene(name) => (None, self.number_of(Choice::Name(name)).unwrap_or(0)),
+            Boot::Default => usual,
+            Boot::Scene(name) => (
+                None,
+                self.number_of(Choice::Name(name)).unwrap_or(self.first),
+            ),
             Boot::Preset(slot) => match self.kept(slot) {
                 Ok(preset) => {
                     let (scene, number) = self.recalled(&preset);
                     (Some(scene), number)
                 }
-                Err(_) => (None, 0),
+                Err(_) => usual,
             },
         };
         self.playing = number;

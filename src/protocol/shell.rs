@@ -231,8 +231,8 @@ impl<const OUT: usize> Shell<OUT> {
         &mut self.out
     }
 
-    /// Says who is there, unasked: what a person sees when the power comes on. Where that is a preset, its values come
-    /// first.
+    /// Says who is there, unasked: what a person sees when the power comes on. Where that is a preset, it is told
+    /// before.
     pub fn greet(&mut self, device: &impl Device) {
         match device.boot() {
             BootRecord::Preset(slot) if device.kept(slot).is_ok() => {
@@ -659,17 +659,26 @@ impl<const OUT: usize> Shell<OUT> {
             List::Recalled(slot, date, starts) => {
                 let request = Request::Recall(*slot);
                 let number = device.playing();
-                if let (0, false, Some((name, _))) = (at, starts, device.scene(number)) {
-                    let plays = true;
-                    let scene = Reply::Scene {
-                        number,
-                        name,
-                        plays,
-                    };
-                    self.reply(door, &scene, &request);
-                    return true;
+                match device.scene(number) {
+                    _ if at > 0 => {}
+                    _ if *starts => {
+                        let boot = Reply::Boot(Boot::Preset(*slot));
+                        self.reply(door, &boot, &request);
+                        return true;
+                    }
+                    Some((name, _)) => {
+                        let plays = true;
+                        let scene = Reply::Scene {
+                            number,
+                            name,
+                            plays,
+                        };
+                        self.reply(door, &scene, &request);
+                        return true;
+                    }
+                    None => {}
                 }
-                // The first place is the scene's.
+                // The first place was that of the scene.
                 let place = at.saturating_sub(1);
                 let preset = device.kept(*slot).unwrap_or_default();
                 if let Some(pair) = preset.values.get(place) {

@@ -62,7 +62,7 @@ fn reason(error: &serialport::Error) -> String {
         ErrorKind::Io(io::ErrorKind::PermissionDenied) => {
             "this user may not (on Linux: add it to the group dialout, and log in again)".to_owned()
         }
-        _ => format!("{error}; is that a serial port? {}", ports()),
+        _ => format!("that is no serial port ({error}); {}", ports()),
     }
 }
 
