@@ -41,6 +41,9 @@ class Board:
 
     def ask(self, line, timeout=5.0):
         """Sends a line; returns the lines of the answer, without the `ok` at their end."""
+        while select.select([self.file], [], [], 0)[0] and os.read(self.file, 1024):
+            pass  # What nobody asked for.
+        self.rest = b""
         os.write(self.file, line.encode() + b"\n")
         answer, until = [], time.monotonic() + timeout
         command = line.split()[0]
