@@ -20,7 +20,7 @@ pub const PACE: Duration = Duration::from_millis(5);
 const RETRY: Duration = Duration::from_secs(1);
 /// How often the board is listened to: with a subscriber, and without.
 const LISTEN: [Duration; 2] = [Duration::from_millis(5), Duration::from_millis(50)];
-/// What is not said twice, and how long it is told.
+/// What is answered meanwhile.
 const AWAY: &str = "the board is away";
 
 /// Opens the link to the board, as often as need be.
@@ -170,7 +170,12 @@ impl Worker {
             let Some(client) = &mut self.client else {
                 break;
             };
-            match client.set_ids(&batch.values, batch.ramp) {
+            let mut result = client.set_ids(&batch.values, batch.ramp);
+            // To set it twice does no harm, and a last value must not be lost.
+            if matches!(result, Err(Error::Damaged { .. })) {
+                result = client.set_ids(&batch.values, batch.ramp);
+            }
+            match result {
                 Ok(_) => {}
                 Err(error) if is_away(&error) => {
                     self.lose(&error);
