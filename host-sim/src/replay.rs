@@ -9,7 +9,7 @@ use clap::{Args, ValueEnum};
 use freshet::mix::Output;
 use freshet::param::SCHEMA;
 use freshet::protocol::{
-    Boot, BootRecord, FRAME_MAX, PAYLOAD_MAX, Reply, Request as Ask, SLOTS, Tag, decode, encode,
+    BootRecord, Device, FRAME_MAX, Job, PAYLOAD_MAX, Reply, Request as Ask, Tag, decode, encode,
 };
 use freshet::{Frame, TICK};
 
@@ -269,7 +269,7 @@ fn setup(
     let mut kept = Kept::default();
     if let Some(preset) = &session.preset {
         kept.presets.insert(1, preset.clone());
-        kept.boot = BootRecord::from(Boot::Preset(1));
+        kept.boot = BootRecord::Preset(1);
     }
     Ok(Setup {
         board,
@@ -310,32 +310,32 @@ impl Player<'_> {
     }
 
     fn act(&mut self, event: &Event<'_>) -> Result<()> {
-        let at = match &event.act {
-            Act::Ask(request) => self.ask(request)?,
-            Act::Recall(slot, preset) => {
-                if *slot > SLOTS {
-                    bail!("there is no slot {slot}");
-                }
-                let device = self.twin.device();
-                device.kept_mut().presets.insert(*slot, preset.clone());
-                self.ask(&Ask::Recall(*slot))?
+        let device = self.twin.device();
+        let mut at = device.date();
+        match &event.act {
+            Act::Ask(request) => at = self.ask(request)?,
+            Act::Recall(preset) => {
+                let (scene, number) = device.recalled(preset);
+                device.control_mut().load(&scene);
+                device.set_playing(number);
             }
             Act::Pause(ticks) => {
-                self.twin.device().set_pause(*ticks);
-                self.ask(&Ask::Store { slot: 0, name: "" })?
+                // The tick in which it begins counts. Whatever the job was, nothing of it is heard.
+                device.set_pause(ticks.saturating_add(1));
+                (device.begin(Job::Erase(0))).map_err(|refusal| anyhow!("{refusal}"))?;
             }
-        };
-        match at {
-            Some(at) if at != event.at => bail!(
+        }
+        if at != event.at {
+            bail!(
                 "this acts at frame {at}, and the recording says {}",
                 event.at
-            ),
-            _ => Ok(()),
+            );
         }
+        Ok(())
     }
 
-    /// Asks the twin for something; returns when it acts, where it says so at once.
-    fn ask(&mut self, request: &Ask<'_>) -> Result<Option<u64>> {
+    /// Asks the twin for something; returns when it acts.
+    fn ask(&mut self, request: &Ask<'_>) -> Result<u64> {
         const TAG: Tag = 1;
         let mut bytes = [0; FRAME_MAX + 3];
         let length = encode(&(TAG, request), &mut bytes)
@@ -346,14 +346,13 @@ impl Player<'_> {
         for frame in said.split(|byte| *byte == 0) {
             let mut payload = [0; PAYLOAD_MAX];
             match decode::<(Tag, Reply<'_>)>(frame, &mut payload) {
-                Ok((TAG, Reply::Done { at })) => return Ok(at),
-                Ok((TAG, Reply::Pause { at, .. })) => return Ok(Some(at)),
+                Ok((TAG, Reply::Done { at: Some(at) })) => return Ok(at),
                 Ok((TAG, Reply::Refused(refusal) | Reply::Skipped(refusal))) => {
                     bail!("the twin refuses: {refusal}")
                 }
                 _ => {}
             }
         }
-        Ok(None)
+        bail!("the twin does not do that")
     }
 }

@@ -46,8 +46,8 @@ pub enum Act<'a> {
     /// A command that can be given again.
     Ask(Request<'a>),
     /// A preset was recalled.
-    Recall(Slot, Preset),
-    /// The sound paused for so many ticks.
+    Recall(Preset),
+    /// The sound faded out, and so many ticks later in again.
     Pause(u32),
 }
 
@@ -86,8 +86,8 @@ impl<'a> Transcript<'a> {
                     "the last line has no end, so it may be cut off (give it one if it is whole)",
                 ));
             }
-            // `version` is answered by the same words as a start.
-            let asked = lines.peek() == Some(&"ok version");
+            // These are answered by the same words that a start begins with.
+            let asked = matches!(lines.peek(), Some(&"ok version" | &"ok boot"));
             reader.read(line, asked)?;
         }
         reader.end()
@@ -130,9 +130,11 @@ impl<'a> Reader<'a, '_> {
         if let Some(rest) = line.strip_prefix("ok ") {
             return self.done(rest);
         }
+        if asked {
+            return Ok(());
+        }
         if line.starts_with("freshet ") {
             return match Hello::parse(line) {
-                _ if asked => Ok(()),
                 Some(hello) => self.greeted(hello),
                 None => Err(self.error(format!("cannot read the greeting `{line}`"))),
             };
@@ -284,13 +286,11 @@ impl<'a> Reader<'a, '_> {
                 })?;
                 self.values.truncate(left);
             }
-            (Request::Scenes | Request::Boot, _) => {
-                // That was it, and no preset.
-                if slot == Some(self.values.len()) {
-                    self.preset = None;
-                }
+            (Request::Scenes, _) => {
+                // That was it, and no preset: one that is recalled meanwhile is told to its end.
+                self.preset = self.preset.take().filter(|told| told.slot.is_some());
             }
-            (Request::Recall(slot), Some(at)) => {
+            (Request::Recall(_), Some(at)) => {
                 let told = self.preset.take().filter(|told| told.slot.is_none());
                 let told = told.ok_or_else(|| {
                     self.error(format!(
@@ -298,13 +298,13 @@ impl<'a> Reader<'a, '_> {
                     ))
                 })?;
                 let preset = self.told(&told, told.scene)?;
-                self.event(told.line, at, Act::Recall(*slot, preset));
+                self.event(told.line, at, Act::Recall(preset));
             }
             (Request::Store { .. } | Request::Erase(_) | Request::SetBoot(_), Some(at)) => {
                 // Without a pause it is not heard.
                 if let Some((line, begun)) = self.pause.take() {
-                    let ticks = at.saturating_sub(begun) / TICK as u64;
-                    let ticks = u32::try_from(ticks).ok().filter(|ticks| *ticks > 0);
+                    let ticks = at.checked_sub(begun).map(|frames| frames / TICK as u64);
+                    let ticks = ticks.and_then(|ticks| u32::try_from(ticks).ok());
                     let ticks = ticks.ok_or_else(|| {
                         self.error(format!("the pause of line {line} begins at {begun}"))
                     })?;

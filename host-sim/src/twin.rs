@@ -336,6 +336,9 @@ impl Device for TwinDevice {
         self.kept.boot.clone()
     }
     fn begin(&mut self, job: Job<'_>) -> Result<Option<u32>, Refusal<'static>> {
+        if self.restarting {
+            return Err(Refusal::Busy);
+        }
         let job = match job {
             Job::Store(slot, preset) => Change::Store(slot, preset.clone()),
             Job::Erase(slot) => Change::Erase(slot),

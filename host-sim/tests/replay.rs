@@ -1,9 +1,11 @@
 //! A session is recorded by writing down what the board says, and played again sample for sample.
 
 use freshet::mix::Output;
+use freshet::param::{COUNT, Kind, TABLE};
+use freshet::protocol::{BootRecord, Name, Preset};
 use freshet::{Frame, TICK};
 use freshet_host::board::Board;
-use freshet_host::built_in;
+use freshet_host::built_in::{self, SCENES};
 use freshet_host::replay::Replay;
 use freshet_host::twin::{Kept, Setup, Twin};
 use proptest::prelude::*;
@@ -19,13 +21,17 @@ struct Session {
 
 impl Session {
     fn new(board: Board, first: u16, seed: u64) -> Self {
+        Self::with(board, first, seed, Kept::default())
+    }
+
+    fn with(board: Board, first: u16, seed: u64, kept: Kept) -> Self {
         let twin = Twin::with(Setup {
             board,
             rate: 48_000,
             seed,
             scenes: built_in::named().unwrap(),
             first,
-            kept: Kept::default(),
+            kept,
             output: Output::Bits24,
         });
         Self {
@@ -82,7 +88,7 @@ fn difference(a: &[Frame], b: &[Frame]) -> Option<usize> {
 
 fn command() -> impl Strategy<Value = String> {
     let value = (0.0_f32..1.0, 0_usize..100).prop_map(|(x, place)| {
-        let param = &freshet::param::TABLE[place % freshet::param::COUNT];
+        let param = &TABLE[place % COUNT];
         let value = param.min + (param.max - param.min) * x * x;
         // The dearest of it would take minutes to render.
         let value = if param.path == "water.rate" {
@@ -90,7 +96,7 @@ fn command() -> impl Strategy<Value = String> {
         } else {
             value
         };
-        let whole = !matches!(param.kind, freshet::param::Kind::Real);
+        let whole = !matches!(param.kind, Kind::Real);
         format!(
             "{}={}",
             param.path,
@@ -145,6 +151,40 @@ fn board() -> impl Strategy<Value = Board> {
     ]
 }
 
+/// Presets in slots 0 to 3, and perhaps one of them from the start.
+fn kept() -> impl Strategy<Value = Kept> {
+    let preset = (
+        0_usize..12,
+        prop::collection::vec((0_usize..40, 0.0_f32..1.0), 0..40),
+    )
+        .prop_map(|(scene, values)| {
+            let mut preset = Preset {
+                scene: Name::try_from(SCENES[scene].0).unwrap(),
+                ..Preset::default()
+            };
+            for (place, x) in values {
+                let param = &TABLE[place];
+                let x = if x < 0.2 {
+                    param.default
+                } else {
+                    param.between(param.min, param.max, x)
+                };
+                let new = preset.values.iter().all(|(id, _)| *id != param.id);
+                if new && param.path != "water.rate" {
+                    preset.values.push((param.id, x)).unwrap();
+                }
+            }
+            preset
+        });
+    let boot = prop_oneof![
+        Just(BootRecord::Default),
+        (0_u8..4).prop_map(BootRecord::Preset),
+        Just(BootRecord::Scene(Name::try_from("surf").unwrap())),
+    ];
+    (prop::collection::btree_map(0_u8..4, preset, 0..4), boot)
+        .prop_map(|(presets, boot)| Kept { presets, boot })
+}
+
 /// Pauses between commands: none at all, a moment, long enough for anything to end.
 fn pause() -> impl Strategy<Value = usize> {
     prop_oneof![3 => Just(0), 3 => 0_usize..1000, 1 => 0_usize..40_000]
@@ -158,10 +198,11 @@ proptest! {
         board in board(),
         first in 0_u16..12,
         seed in any::<u64>(),
+        kept in kept(),
         begin in pause(),
         commands in prop::collection::vec((command(), pause()), 0..25),
     ) {
-        let mut session = Session::new(board, first, seed);
+        let mut session = Session::with(board, first, seed, kept);
         session.listen(begin);
         for (command, frames) in &commands {
             session.say(command, *frames);

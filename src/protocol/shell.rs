@@ -239,7 +239,7 @@ impl<const OUT: usize> Shell<OUT> {
                 let list = List::Recalled(slot, device.date(), true);
                 self.begin_list(Door::Text, list, device);
             }
-            _ => self.hello(Door::Text, device.date(), device),
+            _ => self.hello(Door::Text, device.playing(), device.date(), device),
         }
     }
 
@@ -374,7 +374,7 @@ impl<const OUT: usize> Shell<OUT> {
                 Err(refusal) => Err(refusal),
             },
             Request::Hello => {
-                self.hello(door, device.date(), device);
+                self.hello(door, device.playing(), device.date(), device);
                 Ok(None)
             }
             Request::Status => {
@@ -423,8 +423,8 @@ impl<const OUT: usize> Shell<OUT> {
         self.reply(door, &reply, &request);
     }
 
-    fn hello(&mut self, door: Door, at: u64, device: &impl Device) {
-        let scene = device.scene(device.playing());
+    fn hello(&mut self, door: Door, playing: u16, at: u64, device: &impl Device) {
+        let scene = device.scene(playing);
         let hello = Hello {
             scene: scene.as_ref().map_or("", |(name, _)| name),
             at,
@@ -519,8 +519,12 @@ impl<const OUT: usize> Shell<OUT> {
         device: &mut impl Device,
     ) -> Result<(), Refusal<'static>> {
         let preset = device.kept(slot)?;
-        // The first line of the list has to be said now: what is said before it was done before it.
-        if self.recalling() || self.lists.is_full() || self.out.room() < ITEM_MAX {
+        // It must not change while it is told. The first line has to be said now: what is said before it was done before.
+        let changes = self.awaited.as_ref().is_some_and(|(_, job)| match job {
+            Awaited::Store(kept, _) | Awaited::Erase(kept) => *kept == slot,
+            Awaited::Boot(_) | Awaited::Restart => false,
+        });
+        if changes || self.recalling() || self.lists.is_full() || self.out.room() < ITEM_MAX {
             return Err(Refusal::Busy);
         }
         let (scene, number) = device.recalled(&preset);
@@ -687,7 +691,9 @@ impl<const OUT: usize> Shell<OUT> {
                     return true;
                 }
                 if *starts {
-                    self.hello(door, *date, device);
+                    // Another one may play by now.
+                    let (_, number) = device.recalled(&preset);
+                    self.hello(door, number, *date, device);
                 } else {
                     self.reply(door, &Reply::Done { at: Some(*date) }, &request);
                 }
