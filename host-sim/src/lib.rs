@@ -12,6 +12,8 @@ pub mod births;
 #[cfg(feature = "command")]
 pub mod board;
 #[cfg(feature = "command")]
+pub mod bridge;
+#[cfg(feature = "command")]
 pub mod bubble_events;
 #[cfg(feature = "command")]
 pub mod client;

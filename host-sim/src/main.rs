@@ -10,7 +10,7 @@ use anyhow::{Context, Result};
 use clap::{Parser, Subcommand};
 use freshet_host::simulate::Told;
 use freshet_host::talk::Port;
-use freshet_host::{bench, control, flash, list, record, render, replay, simulate, talk};
+use freshet_host::{bench, bridge, control, flash, list, record, render, replay, simulate, talk};
 
 /// Water and fire from physics: render scenes, hear them, measure them.
 #[derive(Debug, Parser)]
@@ -45,6 +45,8 @@ enum Command {
         #[arg(long = "set", value_name = "PATH=VALUE")]
         set: Vec<String>,
     },
+    /// Play a board by OSC and MIDI
+    Bridge(bridge::Request),
     /// Put the firmware on a board and start it
     Flash(flash::Request),
     /// Play a board, or this machine, on a live terminal screen
@@ -121,6 +123,10 @@ fn run(cli: Cli) -> Result<ExitCode> {
             say(&list::describe(path.as_deref(), scene.as_deref())?)
         }
         Command::Play { scene, seed, set } => play(&scene, seed, &set),
+        Command::Bridge(request) => match bridge::bridge(&request, &on_ctrl_c()?)? {
+            Some(text) => say(&text),
+            None => Ok(ExitCode::SUCCESS),
+        },
         Command::Flash(request) => flash(&request),
         Command::Control(request) => {
             let stop = on_ctrl_c()?;

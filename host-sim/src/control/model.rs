@@ -13,6 +13,7 @@ use super::history::{Gesture, History, Settings};
 use super::outbox::{Order, Outbox};
 use super::slider::{self, Step};
 use super::sound::Sound;
+use crate::board::Board;
 use crate::client::{Hello, PresetInfo, Report};
 use crate::scene_file::{SceneFile, parse_value};
 
@@ -782,7 +783,7 @@ pub enum SaveError {
 
 /// The values of all parameters when a scene starts.
 pub fn values_of(scene: &Scene) -> [f32; COUNT] {
-    let control = Control::new(scene, 48_000, 1e6, 0);
+    let control = Control::new(scene, 48_000, Board::Desk.limits(), 0);
     std::array::from_fn(|index| control.target(index))
 }
 
