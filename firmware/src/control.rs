@@ -8,7 +8,7 @@ use freshet::Synth;
 use freshet::control::Control;
 use freshet::mix::Output;
 use freshet::profile::Profile;
-use static_cell::{ConstStaticCell, StaticCell};
+use static_cell::ConstStaticCell;
 
 use crate::audio::{self, Update};
 use crate::board::{self, Capacity};
@@ -22,7 +22,9 @@ enum Wish {
     NextScene,
 }
 
-/// Both updates stand in flash as they are at first: no stack would hold them on the way.
+// No stack would hold any of these on the way: they are made in their places.
+static CONTROL: ConstStaticCell<Control> = ConstStaticCell::new(Control::OFF);
+static SYNTH: ConstStaticCell<Synth<Capacity>> = ConstStaticCell::new(Synth::OFF);
 static UPDATES: ConstStaticCell<[Update; 2]> = ConstStaticCell::new([Update::new(), Update::new()]);
 
 static WISHES: Channel<CriticalSectionRawMutex, Wish, 8> = Channel::new();
@@ -32,8 +34,9 @@ pub fn start(button: board::Button, spawner: Spawner) {
     let scenes = Scenes::open();
     supervisor::set_trouble(scenes.damaged());
     let seed = scenes.seed();
-    let control = first_control(&scenes, seed);
-    let synth = first_synth(control, seed);
+    let (control, synth) = (CONTROL.take(), SYNTH.take());
+    start_control(control, &scenes, seed);
+    start_synth(synth, control, seed);
     let [first, next] = UPDATES.take().each_mut();
     tick(control, next);
     board::spawner().spawn(unwrap(audio::run(synth, first)));
@@ -41,20 +44,25 @@ pub fn start(button: board::Button, spawner: Spawner) {
     spawner.spawn(unwrap(watch(button)));
 }
 
-// Two functions, so that what both need on the way does not stand on the stack together.
+// Functions of their own, so that what each needs on the way stands on the stack only there.
 
 #[inline(never)]
-fn first_control(scenes: &Scenes, seed: u64) -> &'static mut Control {
-    static CONTROL: StaticCell<Control> = StaticCell::new();
+fn start_control(control: &mut Control, scenes: &Scenes, seed: u64) {
     let (name, scene) = scenes.scene(scenes.first());
     log::info!("scene {}, seed {}", name, seed);
-    CONTROL.init_with(|| Control::new(&scene, SAMPLE_RATE, Capacity::MAX_RATE, seed))
+    control.start(&scene, SAMPLE_RATE, Capacity::LIMITS, seed);
 }
 
 #[inline(never)]
-fn first_synth(control: &Control, seed: u64) -> &'static mut Synth<Capacity> {
-    static SYNTH: StaticCell<Synth<Capacity>> = StaticCell::new();
-    SYNTH.init_with(|| Synth::new(seed, Output::Bits24, control, SAMPLE_RATE))
+fn start_synth(synth: &mut Synth<Capacity>, control: &Control, seed: u64) {
+    synth.start(seed, Output::Bits24, control, SAMPLE_RATE);
+}
+
+#[inline(never)]
+fn load(control: &mut Control, scenes: &Scenes, number: u16) {
+    let (name, scene) = scenes.scene(number);
+    control.load(&scene);
+    log::info!("scene {}", name);
 }
 
 /// Each task is started once, so there is a place for it.
@@ -71,9 +79,7 @@ async fn run(control: &'static mut Control, mut update: &'static mut Update, sce
         update = audio::exchange(update).await;
         while let Ok(Wish::NextScene) = WISHES.try_receive() {
             playing = (playing + 1) % scenes.count();
-            let (name, scene) = scenes.scene(playing);
-            control.load(&scene);
-            log::info!("scene {}", name);
+            load(control, &scenes, playing);
         }
         tick(control, update);
         supervisor::check_in(Client::Control);

@@ -27,7 +27,8 @@ async fn main(spawner: Spawner) {
     stack::paint();
     meter::start();
     let reset = supervisor::take_reset_cause();
-    let board = board::init();
+    let mut board = board::init();
+    supervisor::unleash(&mut board.watchdog);
     supervisor::set_trouble(board.trouble | reset.is_trouble() | blackbox::report());
     log::info!(
         "freshet on {}, {} Hz, after {}",

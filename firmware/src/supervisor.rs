@@ -12,6 +12,8 @@ use crate::{audio, i2s, log, stack};
 
 /// Without a check-in of every client for so long the chip is reset, µs.
 const PATIENCE: u32 = 250_000;
+/// The same until the sound starts, µs: the first start of all writes an option byte, which takes half a second at most.
+const FIRST_PATIENCE: u32 = 2_000_000;
 /// Time between two looks, ms.
 const LOOK: u64 = 50;
 /// Looks between two reports in the log: ten seconds.
@@ -129,10 +131,15 @@ pub fn enable_brown_out_reset() {
     }
 }
 
+/// Starts the watchdog, before all that may go wrong.
+pub fn unleash(watchdog: &mut Peri<'static, Watchdog>) {
+    IndependentWatchdog::new(watchdog.reborrow(), FIRST_PATIENCE).unleash();
+}
+
 /// Watches for ever.
 pub async fn run(mut lights: Lights, watchdog: Peri<'static, Watchdog>) -> ! {
     let mut watchdog = IndependentWatchdog::new(watchdog, PATIENCE);
-    watchdog.unleash();
+    watchdog.pet();
     let mut seen = (i2s::faults(), 0);
     let mut looks = 0u32;
     loop {

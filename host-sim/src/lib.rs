@@ -21,6 +21,8 @@ pub mod flash;
 pub mod keep;
 #[cfg(feature = "command")]
 pub mod list;
+#[cfg(feature = "command")]
+pub mod load;
 #[cfg(feature = "play")]
 pub mod play;
 #[cfg(feature = "flash")]

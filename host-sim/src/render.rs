@@ -11,6 +11,7 @@ use clap::Args;
 use freshet::fixed::{FULL_SCALE, PASCAL};
 use freshet::mix::Output;
 use freshet::param;
+use freshet::profile::Limits;
 use freshet::stats::Stats;
 use freshet::{BLOCK, Frame};
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
@@ -94,8 +95,8 @@ pub struct Report {
     pub stopped: bool,
     /// Ended by Ctrl-C.
     pub interrupted: bool,
-    /// Births a second that were asked for beyond the board's most.
-    pub rate_cut: Option<(f32, f32)>,
+    /// What was asked for beyond what the board takes: what of, how much, and the most there is.
+    pub cuts: Vec<(&'static str, f32, f32)>,
     /// Time the rendering took.
     pub elapsed: Duration,
 }
@@ -177,8 +178,7 @@ pub fn render(request: &Request, stop: &Arc<AtomicBool>) -> Result<Report> {
     };
     let begun = Instant::now();
     let stopped = job.run(frames, stop)?;
-    let asked = source.scene.value(param::RATE);
-    let most = request.board.max_rate();
+    let most = request.board.limits();
     let report = Report {
         output: path,
         frames: job.done,
@@ -189,11 +189,23 @@ pub fn render(request: &Request, stop: &Arc<AtomicBool>) -> Result<Report> {
         stats: job.player.stats(),
         stopped,
         interrupted: stopped && stop.load(Ordering::Relaxed),
-        rate_cut: (asked > most).then_some((asked, most)),
+        cuts: cuts(&source, &most),
         elapsed: begun.elapsed(),
     };
     job.finish(request, &source.scene.title)?;
     Ok(report)
+}
+
+/// See [`Report::cuts`].
+fn cuts(source: &Source, limits: &Limits) -> Vec<(&'static str, f32, f32)> {
+    let rows = [
+        ("births a second", param::RATE, limits.rate),
+        ("radius classes", param::CLASSES, limits.classes as f32),
+    ];
+    let rows = rows.map(|(what, index, most)| (what, source.scene.value(index), most));
+    let mut rows = rows.to_vec();
+    rows.retain(|(_, asked, most)| asked > most);
+    rows
 }
 
 fn output_kind(request: &Request) -> Output {
@@ -449,9 +461,9 @@ impl Report {
         if self.output_clips() {
             lines.push("note      the sound passes full scale: lower mix.level".into());
         }
-        if let Some((asked, most)) = self.rate_cut {
+        for (what, asked, most) in &self.cuts {
             lines.push(format!(
-                "note      {asked} births a second asked for, {most} is the board's most"
+                "note      {asked} {what} asked for, {most} is the board's most"
             ));
         }
         lines.join("\n")
