@@ -313,9 +313,7 @@ impl Profile for Tight {
     };
     const BIRTHS_PER_BLOCK: u32 = 40;
     type Voices = [Voice; 32];
-    fn voices() -> Self::Voices {
-        [Voice::default(); 32]
-    }
+    const IDLE: Self::Voices = [Voice::IDLE; 32];
     type Update = Update<[population::Crowd; 2]>;
     fn update() -> Self::Update {
         Update::new()

@@ -20,7 +20,7 @@ const EDGE_END: u32 = (PITCH_LIMIT * 4_294_967_296.0) as u32;
 const EDGE_FULL: i32 = (1 << 27) - 1;
 
 /// One sounding bubble.
-#[derive(Clone, Copy, Debug, Default)]
+#[derive(Clone, Copy, Debug)]
 #[repr(C)]
 pub struct Voice {
     pub(crate) tone: Tone,
@@ -41,6 +41,16 @@ fn upper(x: u64) -> u32 {
 }
 
 impl Voice {
+    /// Not in use.
+    pub const IDLE: Self = Self {
+        tone: Tone::OVER,
+        slope: 0,
+        limit: 0,
+        ramp: 0,
+        delay: 0,
+        fade: 0,
+    };
+
     /// Whether it fades already.
     pub fn is_stolen(&self) -> bool {
         self.fade > 0
