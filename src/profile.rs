@@ -25,8 +25,10 @@ pub trait Profile: Clone + Send + core::fmt::Debug {
     const BIRTHS_PER_BLOCK: u32;
     /// Where voices live.
     type Voices: AsRef<[Voice]> + AsMut<[Voice]> + Clone + Send + core::fmt::Debug;
-    /// `VOICES` idle slots.
-    fn voices() -> Self::Voices;
+    /// The slots before the start, idle; none yet where they are allocated.
+    const IDLE: Self::Voices;
+    /// Allocates the slots, at the start.
+    fn make_room(_voices: &mut Self::Voices) {}
     /// What goes between control and audio path, with room for the most births a second over the sample rate
     /// crowds.
     type Update: AsRef<Update> + AsMut<Update> + Clone + Send + core::fmt::Debug;
@@ -50,9 +52,7 @@ macro_rules! board {
             };
             const BIRTHS_PER_BLOCK: u32 = $births;
             type Voices = [Voice; $voices];
-            fn voices() -> Self::Voices {
-                [Voice::default(); $voices]
-            }
+            const IDLE: Self::Voices = [Voice::IDLE; $voices];
             type Update = Update<[Crowd; $crowds]>;
             fn update() -> Self::Update {
                 Update::new()
@@ -63,7 +63,7 @@ macro_rules! board {
 
 board!(
     /// STM32F411, 100 MHz.
-    F411, "f411", 20, 100_000.0, 40, 160, 2
+    F411, "f411", 12, 80_000.0, 22, 130, 2
 );
 board!(
     /// STM32F407, 168 MHz.

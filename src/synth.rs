@@ -16,8 +16,7 @@ use crate::voices::{Start, Strike, Voices};
 #[derive(Clone, Debug)]
 pub struct Synth<P: Profile> {
     population: Population,
-    /// None before the start.
-    voices: Option<Voices<P::Voices>>,
+    voices: Voices<P::Voices>,
     mix: Mix,
     stats: Stats,
     frame: u64,
@@ -31,7 +30,7 @@ impl<P: Profile> Synth<P> {
     /// As it is before it starts. All of it is zero, so that a board need not keep it in flash.
     pub const OFF: Self = Self {
         population: Population::SILENT,
-        voices: None,
+        voices: Voices::new(P::IDLE),
         mix: Mix::OFF,
         stats: Stats::NONE,
         frame: 0,
@@ -53,7 +52,7 @@ impl<P: Profile> Synth<P> {
         for slice in control.slices() {
             self.population.tune(&slice);
         }
-        self.voices = Some(Voices::new(P::voices()));
+        self.voices.restart(P::make_room);
         self.mix = Mix::new(output, seed, &control.mix(), sample_rate);
     }
 
@@ -75,9 +74,7 @@ impl<P: Profile> Synth<P> {
 
     /// Sounds a single bubble, counted from the next block's first frame.
     pub fn strike<O: Observer>(&mut self, strike: &Strike, observer: &mut O) {
-        let (Some(voices), stats) = (&mut self.voices, &mut self.stats) else {
-            return;
-        };
+        let Self { voices, stats, .. } = self;
         stats.births = stats.births.wrapping_add(1);
         stats.events = stats.events.wrapping_add(1);
         let path = if !strike.pitch.sounds() {
@@ -131,7 +128,6 @@ impl<P: Profile> Synth<P> {
             stats,
             ..
         } = self;
-        let Some(voices) = voices else { return };
         population.render(&update.water, self.frame, voices, stats, observer, block);
         if voices.sounding() > 0 {
             // Each source keeps itself within the bus; together they might pass it.
@@ -150,7 +146,7 @@ impl<P: Profile> Synth<P> {
 
     /// Voices sounding now.
     pub fn voices(&self) -> usize {
-        self.voices.as_ref().map_or(0, Voices::sounding)
+        self.voices.sounding()
     }
 
     /// Classes that ring now.

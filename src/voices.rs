@@ -90,9 +90,9 @@ pub struct Voices<S> {
     loudness: u64,
 }
 
-impl<S: AsRef<[Voice]> + AsMut<[Voice]>> Voices<S> {
+impl<S> Voices<S> {
     /// No voice sounding.
-    pub fn new(slots: S) -> Self {
+    pub const fn new(slots: S) -> Self {
         Self {
             slots,
             count: 0,
@@ -102,6 +102,17 @@ impl<S: AsRef<[Voice]> + AsMut<[Voice]>> Voices<S> {
         }
     }
 
+    /// Silences all at once; `make_room` may change the slots.
+    pub fn restart(&mut self, make_room: impl FnOnce(&mut S)) {
+        make_room(&mut self.slots);
+        self.count = 0;
+        self.fading = 0;
+        self.weakest = None;
+        self.loudness = 0;
+    }
+}
+
+impl<S: AsRef<[Voice]> + AsMut<[Voice]>> Voices<S> {
     /// Voices that may sound at once, stolen ones apart.
     pub fn capacity(&self) -> usize {
         let slots = self.slots.as_ref().len();

@@ -850,9 +850,7 @@ impl Profile for Small {
     };
     const BIRTHS_PER_BLOCK: u32 = 25;
     type Voices = [Voice; 32];
-    fn voices() -> Self::Voices {
-        [Voice::default(); 32]
-    }
+    const IDLE: Self::Voices = [Voice::IDLE; 32];
     type Update = Update<[population::Crowd; 1]>;
     fn update() -> Self::Update {
         Update::new()

@@ -11,7 +11,7 @@ use std::sync::mpsc::{Receiver, Sender, channel};
 use std::thread::JoinHandle;
 use std::time::Duration;
 
-use rigless::device::{Level, ResetCause};
+use rigless::device::ResetCause;
 use rigless::emulator::{self, AccessKind, Driver, Hit, Host, Settled, Start, Stop, Watch};
 use rigless::image::Image;
 use rigless::mcu::Operate;
@@ -508,10 +508,9 @@ impl Board {
     ///
     /// An emulator that has stopped.
     pub fn button(&mut self, pressed: bool) -> Result<(), Error> {
-        let level = Level::from(pressed);
         self.with(move |core| {
             let at = core.stop.at;
-            core.part().button(at, level);
+            core.part().button(at, pressed);
         })
     }
 

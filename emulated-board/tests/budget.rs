@@ -7,7 +7,7 @@ mod common;
 
 use std::time::Duration;
 
-use common::{RATE, START, board, scene, unhurried};
+use common::{RATE, START, board, chip, scene, unhurried};
 use freshet::mix::Output;
 use freshet::scene::Scene;
 use freshet_host::board::Board as Desk;
@@ -16,8 +16,14 @@ use freshet_host::scene_file::SceneFile;
 
 /// Frames in a block.
 const BLOCK: f64 = freshet::BLOCK as f64;
-/// Cycles of a sample at 168 MHz over 2 cycles an instruction: what is played in time on a slow day.
-const IN_TIME: f64 = 1_750.0;
+/// What is played in time on a slow day, instructions a sample: at 168 MHz there are 3 500 cycles for one, at 96 MHz
+/// 2 000, and an instruction takes 2 of them at most.
+const IN_TIME: [(Desk, f64); 2] = [(Desk::F407, 1_750.0), (Desk::F411, 1_200.0)];
+
+/// What is not, and what it was measured at, and 5 %: a burst of rising bubbles, each in its soft attack.
+const BEYOND: [(Desk, &str, f64); 1] = [(Desk::F407, "river", 2_312.0)];
+/// Most instructions of a tick of control.
+const TICK: u64 = 65_000;
 
 /// `population(rate)`: 50 classes from 0.2 to 50 mm, evenly, none rising.
 fn population(rate: u32) -> Scene {
@@ -28,8 +34,8 @@ fn population(rate: u32) -> Scene {
 }
 
 /// Mean and busiest block, instructions a sample, over a second; and the longest tick of control.
-fn cost(scene: &Scene) -> (f64, f64, u64) {
-    let mut board = board(&[("scene", scene.clone())], 1, unhurried());
+fn cost(board: Desk, scene: &Scene) -> (f64, f64, u64) {
+    let mut board = chip(board, &[("scene", scene.clone())], 1, unhurried());
     board.run(START).expect("it runs");
     let play = board
         .count("freshet_firmware::audio::Player::play")
@@ -61,18 +67,18 @@ fn cost(scene: &Scene) -> (f64, f64, u64) {
 #[test]
 fn the_audio_path_stays_within_its_budget() {
     let rows = [
-        ("silence", population(0), 36.0),
-        ("50 classes, 50 000 births/s", population(50_000), 866.0),
-        ("50 classes, 100 000 births/s", population(100_000), 1_036.0),
+        ("silence", population(0), 31.0),
+        ("50 classes, 50 000 births/s", population(50_000), 861.0),
+        ("50 classes, 100 000 births/s", population(100_000), 1_031.0),
     ];
     for (name, scene, most) in rows {
-        let (mean, busiest, tick) = cost(&scene);
+        let (mean, busiest, tick) = cost(Desk::F407, &scene);
         println!("{name:30} {mean:6.0} mean {busiest:6.0} busiest block; tick {tick}");
         assert!(
             mean <= most,
             "{name}: {mean:.0} instructions a sample, the budget is {most}"
         );
-        assert!(tick <= 200_000, "{name}: a tick of {tick} instructions");
+        assert!(tick <= TICK, "{name}: a tick of {tick} instructions");
     }
 }
 
@@ -157,48 +163,61 @@ fn a_rising_voice_costs_what_it_may() {
     println!("{plain:.2} a voice and sample, {start:.0} a start");
     // All have begun within the last 90 ms, and the attack of the shortest takes 120.
     let from = Duration::from_millis(310);
-    let (attack, _) = voice_cost(&voices(400), from, Duration::from_millis(90));
+    let (attack, _) = voice_cost(&voices(300), from, Duration::from_millis(90));
     println!("{attack:.2} a voice and sample under the soft attack");
     assert!(plain <= 12.9, "{plain:.2}");
     assert!(attack <= 19.8, "{attack:.2}");
     assert!(start <= 186.0, "{start:.0}");
 }
 
-/// Scenes that an F407 does not yet play in time.
-const TOO_DENSE: [&str; 1] = ["river"];
-
 #[test]
-fn all_other_scenes_are_played_in_time_and_control_is_always() {
-    for (name, _) in SCENES {
-        let (mean, busiest, tick) = cost(&scene(name));
-        println!("{name:30} {mean:6.0} mean {busiest:6.0} busiest block; tick {tick}");
-        assert!(
-            busiest <= IN_TIME || TOO_DENSE.contains(name),
-            "{name}: {busiest:.0} instructions a sample"
-        );
-        assert!(tick <= 200_000, "{name}: a tick of {tick} instructions");
+fn every_scene_is_played_in_time() {
+    for (board, most) in IN_TIME {
+        let mut beyond = Vec::new();
+        for (name, _) in SCENES {
+            let (mean, busiest, tick) = cost(board, &scene(name));
+            let row = format!(
+                "{} {name:12} {mean:6.0} mean {busiest:6.0} busiest block; tick {tick}",
+                board.name()
+            );
+            println!("{row}");
+            let own = BEYOND.iter().find(|own| (own.0, own.1) == (board, name));
+            let most = own.map_or(most, |own| own.2);
+            if busiest > most || tick > TICK {
+                beyond.push(row);
+            }
+        }
+        assert!(beyond.is_empty(), "more than they may: {beyond:#?}");
     }
 }
 
 #[test]
 fn the_stack_has_room_and_stands_where_it_cannot_run_into_anything() {
+    stack(Desk::F407, 0x2000_0000, 0x2000_8000);
+    stack(Desk::H743, 0x2400_0000, 0x2401_0000);
+}
+
+/// A board's stack, which grows down from `start` to `end`, below which there is nothing.
+fn stack(what: Desk, end: u32, start: u32) {
     let scenes = [("surf", scene("surf")), ("river", scene("river"))];
-    let mut board = board(&scenes, 1, unhurried());
+    let mut board = chip(what, &scenes, 1, unhurried());
     board.run(START + Duration::from_secs(1)).expect("it runs");
     // Another scene is read while the first one plays.
     board.button(true).expect("it is pressed");
     board.run(Duration::from_secs(1)).expect("it runs");
-    // The first word of the vectors; below the stack there is nothing.
+    // The first word of the vectors.
     let first = board.read(0x0800_0000, 4).expect("it is flash");
-    let start = u32::from_le_bytes(first.try_into().expect("a word"));
-    let end = 0x2000_0000;
-    assert_eq!(start, 0x2000_8000);
+    assert_eq!(first, start.to_le_bytes());
     let stack = board
         .read(end, (start - end) as usize)
         .expect("it is memory");
     let painted = 0xc0de_ca5e_u32.to_le_bytes();
     let free = 4 * stack.chunks(4).take_while(|word| *word == painted).count();
     let used = stack.len() - free;
-    println!("{used} of {} bytes used at most", stack.len());
+    println!(
+        "{}: {used} of {} bytes used at most",
+        what.name(),
+        stack.len()
+    );
     assert!(free >= 8_192, "{free} bytes of stack left");
 }

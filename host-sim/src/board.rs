@@ -23,9 +23,10 @@ impl Profile for Desk {
         classes: CLASSES,
     };
     const BIRTHS_PER_BLOCK: u32 = 8_192;
-    type Voices = Box<[Voice]>;
-    fn voices() -> Self::Voices {
-        vec![Voice::default(); Self::VOICES].into_boxed_slice()
+    type Voices = Vec<Voice>;
+    const IDLE: Self::Voices = Vec::new();
+    fn make_room(voices: &mut Self::Voices) {
+        voices.resize(Self::VOICES, Voice::IDLE);
     }
     /// Any class may be a crowd: sample rates go down to 8 kHz.
     type Update = Update<[Crowd; CLASSES]>;

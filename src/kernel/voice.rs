@@ -27,7 +27,7 @@ pub const ATTACK_END: i32 = 217 << 23;
 pub const PLAIN_MAX: u64 = (2 << 59) - (1 << 32);
 
 /// What sounds of a bubble. The assembly knows where its words are.
-#[derive(Clone, Copy, Debug, Default)]
+#[derive(Clone, Copy, Debug)]
 #[repr(C)]
 pub struct Tone {
     /// So many blocks to come need nothing but these words; 0: see to it.
@@ -53,6 +53,20 @@ pub struct Tone {
 }
 
 impl Tone {
+    /// Nothing.
+    pub const OVER: Self = Self {
+        calm: 0,
+        envelope: 0,
+        floor: 0,
+        keep: 0,
+        gain: [0; 2],
+        decay: 0,
+        loudest: 0,
+        phase: 0,
+        pitch: 0,
+        growth: 0,
+    };
+
     /// Amplitude of the louder ear now, Q59 of a pascal.
     #[inline(always)]
     pub fn level(&self) -> u64 {

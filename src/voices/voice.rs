@@ -39,7 +39,7 @@ static STEAL: [i32; STEAL_FRAMES] = {
 const EDGE_FULL: i32 = (1 << 27) - 1;
 
 /// One sounding bubble.
-#[derive(Clone, Copy, Debug, Default)]
+#[derive(Clone, Copy, Debug)]
 #[repr(C)]
 pub struct Voice {
     pub(crate) tone: Tone,
@@ -60,6 +60,16 @@ fn upper(x: u64) -> u32 {
 }
 
 impl Voice {
+    /// Not in use.
+    pub const IDLE: Self = Self {
+        tone: Tone::OVER,
+        slope: 0,
+        limit: 0,
+        ramp: 0,
+        delay: 0,
+        fade: 0,
+    };
+
     /// Whether it fades already.
     pub fn is_stolen(&self) -> bool {
         self.fade > 0
