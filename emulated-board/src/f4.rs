@@ -180,7 +180,7 @@ fn bus(sheet: &Sheet) -> Result<Bus, Error> {
         builder = builder.reads_requests(sink);
     }
     for (name, base, end) in sheet.nothing {
-        builder = builder.aborts_in(*name, *base, end - base);
+        builder = builder.aborts_in(name, *base, end - base);
     }
     builder.routes_interrupts("WIRES").build()
 }
