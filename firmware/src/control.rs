@@ -133,10 +133,10 @@ impl Doors {
     }
 
     /// A job is over: the shell that began it answers.
-    fn finished(&mut self, result: Result<(), Refusal<'static>>) {
-        self.shell.finished(result);
+    fn finished(&mut self, result: Result<(), Refusal<'static>>, device: &Device) {
+        self.shell.finished(result, device);
         #[cfg(feature = "usb")]
-        self.usb_shell.finished(result);
+        self.usb_shell.finished(result, device);
     }
 
     /// Starts the chip again, when the answer is out, or the line does not take it.
@@ -170,10 +170,10 @@ async fn run(mut device: Device, mut update: &'static mut Update, mut doors: Doo
             None => {}
             Some(Work::Keep) => {
                 let result = device.keep().await;
-                doors.finished(result);
+                doors.finished(result, &device);
             }
             Some(Work::Restart) => {
-                doors.finished(Ok(()));
+                doors.finished(Ok(()), &device);
                 doors.restart().await;
             }
         }
