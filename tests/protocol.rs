@@ -280,6 +280,8 @@ fn a_command_is_repeated_as_it_can_be_given_again() {
         "trigger 2.5 0.1",
         "mute off",
         "store 3 my rain",
+        "store",
+        "store 0 evening",
         "recall 0",
         "boot scene river",
         "boot settings",

@@ -357,7 +357,7 @@ fn the_button_steps_to_the_next_scene_as_the_desk_does() {
     let played = from_first_sound(&board.take_audio()).to_vec();
     let total = played.len();
     // It acts at a tick; which one, the sound tells.
-    let same = (60..240).find(|tick| {
+    let same = (240..960).find(|tick| {
         let mut player =
             freshet_host::board::Board::F407.player(&one, 48_000, 8, freshet::mix::Output::Bits24);
         let mut out = vec![freshet::Frame::ZERO; total + 24_000];

@@ -5,8 +5,8 @@ mod common;
 use std::time::Duration;
 
 use common::talk::{MS, SECOND, Talk};
-use common::{RATE, START, board, from_first_sound, scene, unhurried};
-use emulated_board::{Board, Cause, Setup};
+use common::{RATE, from_first_sound, scene, unhurried};
+use emulated_board::{Cause, Setup};
 use freshet::param::{Kind, TABLE};
 use freshet::protocol::{Reply, Request};
 use freshet::scene::Scene;

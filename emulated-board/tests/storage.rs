@@ -56,7 +56,7 @@ impl NorFlash for Sectors {
 
 /// The scene `tap` as it is, as the firmware stores it.
 fn preset(name: &str) -> Preset {
-    let control = Control::new(&scene("tap"), RATE, F407::MAX_RATE, 1);
+    let control = Control::new(&scene("tap"), RATE, F407::LIMITS, 1);
     let plain = |text| Name::try_from(text).expect("short");
     Preset::new(plain(name), plain("tap"), &control)
 }

@@ -3,7 +3,6 @@
 //! The costs are instructions of a Cortex-M4, fitted to what the emulated F407 executes block by block:
 //! `cargo test --manifest-path emulated-board/Cargo.toml --ignore-rust-version --test load -- --nocapture`.
 
-use freshet::bubble::Bubble;
 use freshet::frame::BLOCKS_PER_TICK;
 use freshet::observer::{Birth, Crowd, Observer, Path};
 use freshet::param;
@@ -13,7 +12,7 @@ use freshet::{BLOCK, Frame};
 use crate::board::{Board, Player};
 
 /// What is counted in a block.
-pub const COUNTED: [&str; 16] = [
+pub const COUNTED: [&str; 13] = [
     "block",
     "first block of a tick",
     "block with sound in it",
@@ -23,17 +22,16 @@ pub const COUNTED: [&str; 16] = [
     "class that rings",
     "class with births",
     "birth",
-    "birth that is heard",
     "class with a rising bubble",
     "rising bubble",
-    "single event",
     "voice",
-    "voice under the soft attack",
     "voice that fades",
 ];
 
 /// Instructions that each of [`COUNTED`] takes.
-pub const COST: [f64; COUNTED.len()] = [0.0; COUNTED.len()];
+pub const COST: [f64; COUNTED.len()] = [
+    2040.0, 363.0, 1800.0, 2899.0, 1298.0, 1527.0, 417.0, 133.0, 67.0, 234.0, 524.0, 408.0, 3041.0,
+];
 
 /// Frames in which a stolen voice fades.
 const FADE: u64 = 192;
@@ -43,16 +41,13 @@ pub type Counts = [f64; COUNTED.len()];
 
 /// Counts block by block.
 pub struct Meter {
-    rate: f64,
     before: Stats,
     blocks: u64,
     /// Classes of this block with births, and with rising ones, as bits.
     with_births: u64,
     with_rising: u64,
     births: u32,
-    heard: u32,
-    /// When the soft attack of each young voice is over, and each stolen one has faded; frames.
-    attacks: Vec<u64>,
+    /// When each stolen voice has faded, frames.
     fades: Vec<u64>,
     sum: f64,
     most: f64,
@@ -76,18 +71,21 @@ impl Load {
     }
 }
 
+impl Default for Meter {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
 impl Meter {
-    /// Nothing counted yet; `rate` in Hz.
-    pub fn new(rate: u32) -> Self {
+    /// Nothing counted yet.
+    pub fn new() -> Self {
         Self {
-            rate: f64::from(rate),
             before: Stats::default(),
             blocks: 0,
             with_births: 0,
             with_rising: 0,
             births: 0,
-            heard: 0,
-            attacks: Vec::new(),
             fades: Vec::new(),
             sum: 0.0,
             most: 0.0,
@@ -98,7 +96,6 @@ impl Meter {
     pub fn block(&mut self, player: &dyn Player, block: &[Frame]) -> Counts {
         let (stats, before) = (player.stats(), self.before);
         let now = (self.blocks + 1) * BLOCK as u64;
-        self.attacks.retain(|end| *end > now);
         self.fades.retain(|end| *end > now);
         let stolen = (stats.stolen - before.stolen) as usize;
         self.fades.resize(self.fades.len() + stolen, now + FADE);
@@ -115,12 +112,9 @@ impl Meter {
             player.ringing() as f64,
             f64::from(self.with_births.count_ones()),
             f64::from(self.births),
-            f64::from(self.heard),
             f64::from(self.with_rising.count_ones()),
             (stats.rising - before.rising) as f64,
-            (stats.events - before.events) as f64,
             player.voices() as f64,
-            self.attacks.len().min(player.voices()) as f64,
             self.fades.len().min(player.voices()) as f64,
         ];
         let cost: f64 = (counts.iter().zip(COST))
@@ -132,7 +126,7 @@ impl Meter {
         self.before = stats;
         self.blocks += 1;
         (self.with_births, self.with_rising) = (0, 0);
-        (self.births, self.heard) = (0, 0);
+        self.births = 0;
         counts
     }
 
@@ -152,17 +146,25 @@ impl Observer for Meter {
         self.births += u32::from(class != 0);
         if birth.path == Path::Voice {
             self.with_rising |= class;
-            // While the envelope is above 0.85, HF (39).
-            let attack = -f64::ln(0.85) / Bubble::new(f64::from(birth.radius)).beta;
-            self.attacks.push(birth.frame + (attack * self.rate) as u64);
-        } else {
-            self.heard += u32::from(birth.gain != [0, 0]);
         }
     }
     fn crowd(&mut self, crowd: &Crowd) {
         // Each sample's impulses are drawn and struck as a birth is.
         self.with_births |= 1 << crowd.class;
         self.births += 1;
-        self.heard += 1;
+    }
+}
+
+/// Two who want to know.
+pub struct Both<'a, A, B>(pub &'a mut A, pub &'a mut B);
+
+impl<A: Observer, B: Observer> Observer for Both<'_, A, B> {
+    fn birth(&mut self, birth: &Birth) {
+        self.0.birth(birth);
+        self.1.birth(birth);
+    }
+    fn crowd(&mut self, crowd: &Crowd) {
+        self.0.crowd(crowd);
+        self.1.crowd(crowd);
     }
 }

@@ -18,6 +18,7 @@ use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 
 use crate::births::EventLog;
 use crate::board::{Board, Player};
+use crate::load::{Both, Meter};
 use crate::scene_file::put;
 use crate::source::{Source, Strikes};
 use crate::spectrogram::{self, Spectrogram};
@@ -91,6 +92,8 @@ pub struct Report {
     pub voices: usize,
     /// The core's counters.
     pub stats: Stats,
+    /// Parts of the board's time that it takes: on average, and in the busiest block.
+    pub share: Option<[f64; 2]>,
     /// Ended before all was rendered: by Ctrl-C, or because nobody reads it any more.
     pub stopped: bool,
     /// Ended by Ctrl-C.
@@ -163,6 +166,7 @@ pub fn render(request: &Request, stop: &Arc<AtomicBool>) -> Result<Report> {
         player,
         strikes,
         log,
+        meter: (request.board.core().is_some() && output != Output::Raw).then(Meter::new),
         wav,
         picture: request
             .spectrogram
@@ -187,6 +191,8 @@ pub fn render(request: &Request, stop: &Arc<AtomicBool>) -> Result<Report> {
         rms: (job.energy / (2 * job.done).max(1) as f64).sqrt(),
         voices: job.voices,
         stats: job.player.stats(),
+        share: (job.meter.as_ref())
+            .and_then(|meter| meter.load().share(request.board, request.rate)),
         stopped,
         interrupted: stopped && stop.load(Ordering::Relaxed),
         cuts: cuts(&source, &most),
@@ -300,6 +306,8 @@ struct Job {
     player: Box<dyn Player>,
     strikes: Option<Strikes>,
     log: Option<EventLog>,
+    /// Where it is rendered as a board.
+    meter: Option<Meter>,
     wav: WavWriter,
     picture: Option<Spectrogram>,
     output: Output,
@@ -350,9 +358,16 @@ impl Job {
                     }
                 }
             }
-            match &mut self.log {
-                Some(log) => self.player.render_observed(block, log),
-                None => self.player.render(block),
+            match (&mut self.log, &mut self.meter) {
+                (None, None) => self.player.render(block),
+                (Some(log), None) => self.player.render_observed(block, log),
+                (None, Some(meter)) => self.player.render_observed(block, meter),
+                (Some(log), Some(meter)) => {
+                    self.player.render_observed(block, &mut Both(log, meter));
+                }
+            }
+            if let Some(meter) = &mut self.meter {
+                meter.block(&*self.player, block);
             }
         }
         if let Some(log) = &mut self.log {
@@ -435,6 +450,11 @@ impl Report {
             format!("peak      {}, rms {}", db(self.peak), db(self.rms)),
             format!("voices    {} at most, {} stolen", self.voices, stats.stolen),
         ];
+        if let Some([mean, busiest]) = self.share.map(|share| share.map(|part| 100.0 * part)) {
+            lines.push(format!(
+                "chip      {mean:.0} % of its time, {busiest:.0} % in the busiest block"
+            ));
+        }
         let mut note = |count: u64, text: &str| {
             if count > 0 {
                 lines.push(format!("note      {count} {text}"));

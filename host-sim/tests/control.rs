@@ -703,7 +703,7 @@ fn typed_keys_change_the_sound_of_a_board_and_it_may_be_unplugged() {
     let text = tui.shows("twin here");
     assert!(text.contains("f407 on "), "{text}");
     // Choose another scene, and change it.
-    tui.type_in("\x1b[Z\x1b[B\x1b[B\r");
+    tui.type_in("\x1b[Z\x1b[B\r");
     tui.comes("another scene", |text| {
         text.lines()
             .next()

@@ -374,7 +374,7 @@ impl Display for Request<'_> {
             Self::Mute(true) => f.write_str("mute on"),
             Self::Mute(false) => f.write_str("mute off"),
             Self::Presets => f.write_str("presets"),
-            Self::Store { slot: 0, .. } => f.write_str("store"),
+            Self::Store { slot: 0, name: "" } => f.write_str("store"),
             Self::Store { slot, name } => {
                 write!(f, "store {slot}")?;
                 with(f, "", name)
