@@ -120,11 +120,12 @@ fn cut(full: bool, delays: impl Iterator<Item = Duration>) -> (usize, usize) {
             talk.ask("presets")[0],
             format!("preset 1 = {name} (over tap)")
         );
-        assert!(talk.ask("status").contains(&"trouble = no".to_owned()));
+        let status = talk.ask("status");
+        assert!(status.contains(&"trouble = no".to_owned()), "{status:?}");
     }
     // And saves on.
     let answer = talk.ask("store 1 new");
-    assert_eq!(answer[answer.len() - 1], "ok store 1 new");
+    assert!(answer[answer.len() - 1].starts_with("ok store 1 new"));
     let kept = talk.board.read(START, 2 * PAGE).expect("it is flash");
     assert_eq!(all(kept), after);
     (cuts, renewed)
@@ -153,11 +154,10 @@ fn a_save_pauses_for_as_long_as_it_says_and_the_sound_comes_back_as_it_was() {
         talk.board.write(START, &image(full)).expect("it is flash");
         talk.restart();
         talk.send("store 1 new");
-        let said = talk.wait(SECOND, |line| line.starts_with("the sound fades out"));
+        let said = talk.wait(SECOND, |line| line.starts_with("pause of about"));
         let promised: u64 = said[0]
             .split(' ')
-            .rev()
-            .nth(1)
+            .nth(3)
             .and_then(|ms| ms.parse().ok())
             .expect("ms");
         let begun = talk.board.now();
@@ -177,7 +177,11 @@ fn a_save_pauses_for_as_long_as_it_says_and_the_sound_comes_back_as_it_was() {
         assert_eq!(talk.board.i2s_underruns(), 0);
         assert_eq!(talk.board.resets().expect("listed").len(), 2);
         // The same again is no save at all.
-        assert_eq!(talk.ask("store 1 new"), ["ok store 1 new"]);
+        let again = talk.ask("store 1 new");
+        assert!(
+            again.len() == 1 && again[0].starts_with("ok store 1 new"),
+            "{again:?}"
+        );
         println!("full {full}: {took:?}, {promised} ms were promised");
     }
 }

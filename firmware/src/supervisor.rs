@@ -14,6 +14,8 @@ use crate::{audio, i2s, log, stack};
 const PATIENCE: u32 = 250_000;
 /// The same until the sound starts, µs: the first start of all writes an option byte, which takes half a second at most.
 const FIRST_PATIENCE: u32 = 2_000_000;
+/// Which of the two holds.
+static NOW: AtomicU32 = AtomicU32::new(FIRST_PATIENCE);
 /// Time between two looks, ms.
 const LOOK: u64 = 50;
 /// Looks between two reports in the log: ten seconds.
@@ -66,7 +68,7 @@ pub fn stretch_watchdog() {
 /// Feeds it, and all is as it was.
 #[cfg(not(feature = "h743"))]
 pub fn relax_watchdog() {
-    set_watchdog(PATIENCE);
+    set_watchdog(NOW.load(Relaxed));
 }
 
 /// The watchdog's time, µs, up to 8 s. Where it was not started, nothing happens.
@@ -184,6 +186,7 @@ pub fn unleash(watchdog: &mut Peri<'static, Watchdog>) {
 /// Watches for ever.
 pub async fn run(mut lights: Lights, watchdog: Peri<'static, Watchdog>) -> ! {
     let mut watchdog = IndependentWatchdog::new(watchdog, PATIENCE);
+    NOW.store(PATIENCE, Relaxed);
     watchdog.pet();
     let mut seen = (i2s::faults(), 0);
     let mut looks = 0u32;

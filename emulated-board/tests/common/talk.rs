@@ -32,7 +32,8 @@ impl Talk {
     /// Waits for the greeting.
     pub fn start(&mut self) {
         let greeting = self.wait(2 * SECOND, |line| line.starts_with("freshet "));
-        assert!(greeting[0].contains("board=f407"), "{greeting:?}");
+        let last = greeting.last().expect("it says something");
+        assert!(last.contains("board=f407"), "{greeting:?}");
     }
 
     /// Takes the power away and gives it back.
@@ -88,7 +89,9 @@ impl Talk {
                 said.extend(more);
                 since = self.board.now();
             }
-            let pauses = said.ends_with(b" ms\n");
+            let lines = said.split(|byte| *byte == b'\n');
+            let pauses = (lines.filter(|line| !line.is_empty()).last())
+                .is_some_and(|line| line.starts_with(b"pause of"));
             if self.board.now() - since > if pauses { 2 * SECOND } else { QUIET } {
                 return String::from_utf8(said).expect("text");
             }
