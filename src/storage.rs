@@ -1,6 +1,6 @@
 //! What outlives the power: settings, presets and the boot choice, in a flash that is worn evenly.
 //!
-//! Whatever a loss of power leaves, each page of flash is whole or empty at the next start ([`guard`]). In them a
+//! Whatever a loss of power leaves, each page of flash is whole or empty at the next start (`guard`). In them a
 //! [`MapStorage`] appends every new value behind the ones before, with a checksum over length, key and value, and begins
 //! a new page of flash when one is full; what is under way when the power goes is not there at the next start, and the old
 //! value is. On top of that a value begins with the version of its form; parameters go by their ids, so that a table that

@@ -20,8 +20,6 @@ const BLOCK: f64 = freshet::BLOCK as f64;
 /// 2 000, and an instruction takes 2 of them at most.
 const IN_TIME: [(Desk, f64); 2] = [(Desk::F407, 1_750.0), (Desk::F411, 1_200.0)];
 
-/// What is not, and what it was measured at, and 5 %: a burst of rising bubbles, each in its soft attack.
-const BEYOND: [(Desk, &str, f64); 1] = [(Desk::F407, "river", 2_312.0)];
 /// Most instructions of a tick of control.
 const TICK: u64 = 65_000;
 
@@ -181,8 +179,6 @@ fn every_scene_is_played_in_time() {
                 board.name()
             );
             println!("{row}");
-            let own = BEYOND.iter().find(|own| (own.0, own.1) == (board, name));
-            let most = own.map_or(most, |own| own.2);
             if busiest > most || tick > TICK {
                 beyond.push(row);
             }
