@@ -90,7 +90,9 @@ impl Talk {
                 since = self.board.now();
             }
             let lines = said.split(|byte| *byte == b'\n');
-            let pauses = (lines.filter(|line| !line.is_empty()).last())
+            let pauses = lines
+                .rev()
+                .find(|line| !line.is_empty())
                 .is_some_and(|line| line.starts_with(b"pause of"));
             if self.board.now() - since > if pauses { 2 * SECOND } else { QUIET } {
                 return String::from_utf8(said).expect("text");
