@@ -59,22 +59,16 @@ pub struct Store<const C: usize, const D: usize, const R: usize> {
 
 impl<const C: usize, const D: usize, const R: usize> Store<C, D, R> {
     /// All at rest.
-    pub fn new() -> Self {
-        const { assert!(C % GROUP == 1 && D == C + 2 && R == (C + 1) * (C / GROUP)) };
+    pub const REST: Self = {
+        assert!(C % GROUP == 1 && D == C + 2 && R == (C + 1) * (C / GROUP));
         Self {
-            clusters: [Cluster::default(); C],
+            clusters: [Cluster::REST; C],
             core: [[0; GROUP]; R],
             next: [[0; GROUP]; R],
             sums: [0; C],
             drive: [0; D],
         }
-    }
-}
-
-impl<const C: usize, const D: usize, const R: usize> Default for Store<C, D, R> {
-    fn default() -> Self {
-        Self::new()
-    }
+    };
 }
 
 /// What a store holds, whatever its size.
@@ -129,7 +123,7 @@ pub struct Cloud<S> {
     jump: [i32; 2],
     /// Whether something may move.
     moves: bool,
-    /// Loudness of bubbles that ring out, as in the core, see [`Cloud::new`].
+    /// Loudness of bubbles that ring out, as in the core.
     ring_out: i32,
     double: Double,
     /// Forces that were not felt: too many, or too much energy.
@@ -137,19 +131,24 @@ pub struct Cloud<S> {
 }
 
 impl<S: Hold> Cloud<S> {
-    /// A silent cloud at a sample rate of `sample_rate` Hz.
-    pub fn new(store: S, sample_rate: f64) -> Self {
+    /// A silent cloud, before it starts.
+    pub const fn new(store: S) -> Self {
         Self {
             store,
             groups: 0,
-            staged: [Cluster::default(); CHANGED],
+            staged: [Cluster::REST; CHANGED],
             pushing: heapless::Vec::new(),
             jump: [0; 2],
             moves: false,
-            ring_out: fixed(FRAC_1_SQRT_2 * loudness(sample_rate), 32),
+            ring_out: 0,
             double: Double::new(),
             refused: 0,
         }
+    }
+
+    /// Starts at a sample rate of `sample_rate` Hz.
+    pub fn start(&mut self, sample_rate: f64) {
+        self.ring_out = fixed(FRAC_1_SQRT_2 * loudness(sample_rate), 32);
     }
 
     /// Takes a tick's message, before its first block.
@@ -284,12 +283,8 @@ impl<S: Hold> Cloud<S> {
         if new != old {
             let ringing_out = parts.clusters[old];
             let (low, high) = (new.min(old), new.max(old));
-            parts.clusters[low..=high].fill(Cluster::default());
-            parts.clusters[new] = if old == 0 {
-                Cluster::default()
-            } else {
-                ringing_out
-            };
+            parts.clusters[low..=high].fill(Cluster::REST);
+            parts.clusters[new] = if old == 0 { Cluster::REST } else { ringing_out };
             self.groups = commit.groups;
         }
         for retired in &commit.retired {

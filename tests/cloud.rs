@@ -23,9 +23,12 @@ type Live64 = Live<Store64, 8>;
 
 impl<S: freshet::cloud::Hold, const K: usize> Live<S, K> {
     fn new(store: S, seed: u64) -> Self {
+        let (mut keeper, mut cloud) = (Keeper::OFF, Cloud::new(store));
+        keeper.start(seed, RATE as u32);
+        cloud.start(RATE);
         Self {
-            keeper: Keeper::new(seed, RATE),
-            cloud: Cloud::new(store, RATE),
+            keeper,
+            cloud,
             message: Message::NONE,
         }
     }
@@ -62,7 +65,7 @@ fn still(bubbles: usize) -> Settings {
 }
 
 fn live64(seed: u64) -> Live64 {
-    Live::new(Store64::new(), seed)
+    Live::new(Store64::REST, seed)
 }
 
 /// Bubbles of `radius` at `places`, all pushed alike: half a second of what one hears.
@@ -195,8 +198,8 @@ fn residual<S: freshet::cloud::Hold, const K: usize>(
 
 #[test]
 fn fixed_point_is_60_db_from_the_same_algorithm_in_f64() {
-    assert!(residual(Live::<Store64, 8>::new(Store64::new(), 3), &busy(64)) > 60.0);
-    assert!(residual(Live::<Store128, 16>::new(Store128::new(), 4), &busy(128)) > 60.0);
+    assert!(residual(Live::<Store64, 8>::new(Store64::REST, 3), &busy(64)) > 60.0);
+    assert!(residual(Live::<Store128, 16>::new(Store128::REST, 4), &busy(128)) > 60.0);
 }
 
 /// Loudness, full scale 1 Pa.
@@ -244,7 +247,7 @@ fn where_nothing_happens_any_more_it_falls_to_exact_silence() {
 #[test]
 fn what_rings_fades_while_bubbles_come_go_and_move() {
     for (seed, spacing) in [(1, 2.0), (2, 3.0), (3, 6.0)] {
-        let mut live: Live<Store128, 16> = Live::new(Store128::new(), seed);
+        let mut live: Live<Store128, 16> = Live::new(Store128::REST, seed);
         let harsh = Settings {
             radius_min: 0.5e-3,
             radius_max: 12e-3,
@@ -360,7 +363,7 @@ fn a_living_cloud_in_clusters_has_nearly_the_frequencies_of_all_pairs() {
 /// Ticks of all births, from the first tick of a batch to its commit.
 #[test]
 fn a_batch_has_its_date() {
-    let mut live: Live<Store128, 16> = Live::new(Store128::new(), 8);
+    let mut live: Live<Store128, 16> = Live::new(Store128::REST, 8);
     let (mut begun, mut longest) = (None, 0);
     for now in 0..1_500 {
         live.tick(&busy(128), |message, _| {

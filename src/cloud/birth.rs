@@ -156,6 +156,15 @@ pub struct Births {
 }
 
 impl Births {
+    /// As it is before it starts.
+    pub const OFF: Self = Self {
+        random: Random::OFF,
+        step: 0.0,
+        tick: 0.0,
+        next: 0.0,
+        next_push: 0.0,
+    };
+
     /// At `sample_rate` Hz.
     pub fn new(mut random: Random, sample_rate: f64) -> Self {
         let (next, next_push) = (random.exponential(), random.exponential());

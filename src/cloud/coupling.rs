@@ -8,7 +8,7 @@ use crate::kernel::cloud::{GROUP, Row, SUM_BITS};
 const MARGIN: f32 = 0.05;
 
 /// One cluster, to the others.
-#[derive(Clone, Copy, Debug, Default)]
+#[derive(Clone, Copy, Debug)]
 pub struct Peer {
     /// What its sum gives way to a push of 1.
     pub yields: f32,
@@ -18,6 +18,16 @@ pub struct Peer {
     pub radii: f32,
     /// Loudness in each ear.
     pub pan: [f32; 2],
+}
+
+impl Peer {
+    /// Nobody.
+    pub const NONE: Self = Self {
+        yields: 0.0,
+        yields_most: 0.0,
+        radii: 0.0,
+        pan: [0.0; 2],
+    };
 }
 
 /// Bits of a pascal in a sample of the cloud.

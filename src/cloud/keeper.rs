@@ -25,6 +25,8 @@ const FORGOTTEN: u32 = 400;
 
 /// What a profile's control path keeps of a cloud.
 pub trait Keep {
+    /// Starts at a sample rate of `sample_rate` Hz.
+    fn start(&mut self, seed: u64, sample_rate: u32);
     /// One tick on.
     fn tick(&mut self, settings: &Settings, message: &mut Message);
 }
@@ -78,29 +80,31 @@ pub struct Keeper<const K: usize> {
 }
 
 impl<const K: usize> Keeper<K> {
-    /// An empty cloud at a sample rate of `sample_rate` Hz.
-    pub fn new(seed: u64, sample_rate: f64) -> Self {
-        Self {
-            births: Births::new(Random::new(seed, Stream::Cloud), sample_rate),
-            slots: Slots::NONE,
-            peers: [Peer::default(); K],
-            core: Core::NONE,
-            loudness: loudness(sample_rate),
-            now: 0,
-            stage: Stage::Rest,
-            commit: Commit::default(),
+    /// As it is before it starts.
+    pub const OFF: Self = Self {
+        births: Births::OFF,
+        slots: Slots::NONE,
+        peers: [Peer::NONE; K],
+        core: Core::NONE,
+        loudness: 0.0,
+        now: 0,
+        stage: Stage::Rest,
+        commit: Commit {
             groups: 0,
-            waiting: 0,
-            newborn: heapless::Vec::new(),
-            ring_out: 0,
-            untidy: 0,
-            next: 0,
-            content: 0,
-            idle: 0,
-            heard: Settings::NONE,
-            deaf: 0,
-        }
-    }
+            changed: heapless::Vec::new(),
+            retired: heapless::Vec::new(),
+        },
+        groups: 0,
+        waiting: 0,
+        newborn: heapless::Vec::new(),
+        ring_out: 0,
+        untidy: 0,
+        next: 0,
+        content: 0,
+        idle: 0,
+        heard: Settings::NONE,
+        deaf: 0,
+    };
 
     /// Who is in which cluster. Between batches that is what the audio path plays once the last message is applied.
     pub fn bodies(&self) -> impl Iterator<Item = (Place, &Body)> {
@@ -450,6 +454,12 @@ fn add_place(places: &mut heapless::Vec<Place, CHANGED>, place: Place) {
 }
 
 impl<const K: usize> Keep for Keeper<K> {
+    fn start(&mut self, seed: u64, sample_rate: u32) {
+        let sample_rate = f64::from(sample_rate);
+        self.births = Births::new(Random::new(seed, Stream::Cloud), sample_rate);
+        self.loudness = loudness(sample_rate);
+    }
+
     fn tick(&mut self, settings: &Settings, message: &mut Message) {
         message.slice = None;
         message.commit = None;

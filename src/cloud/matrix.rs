@@ -6,7 +6,7 @@
 use core::f32::consts::PI;
 
 use super::birth::Body;
-use crate::kernel::cloud::{Cluster, MEMBERS, Mode, Shape};
+use crate::kernel::cloud::{Cluster, MEMBERS, Mode};
 
 /// Units of y in a unit of a mode, `m^(3/2)`, as a power of two: a bubble of 12 mm and 1 Pa at 1 m fills a third.
 pub const UNIT_BITS: i32 = 54;
@@ -208,7 +208,7 @@ pub fn solve(members: &Members, coupling: f32, step: f32) -> Solved {
         }
     }
     let turn = diagonalise(&mut a);
-    let mut cluster = Cluster::default();
+    let mut cluster = Cluster::REST;
     let (mut yields, mut yields_most) = (0.0, 0.0);
     for m in 0..MEMBERS {
         if members[m].is_none() {
@@ -249,10 +249,7 @@ impl Solved {
     /// Nobody in it.
     pub fn empty() -> Self {
         Self {
-            cluster: Cluster {
-                modes: [Mode::default(); MEMBERS],
-                shape: Shape::default(),
-            },
+            cluster: Cluster::REST,
             yields: 0.0,
             yields_most: 0.0,
         }

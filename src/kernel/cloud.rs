@@ -29,7 +29,7 @@ pub struct Mode {
 }
 
 /// From modes to bubbles and back.
-#[derive(Clone, Copy, Debug, Default)]
+#[derive(Clone, Copy, Debug)]
 #[repr(C)]
 pub struct Shape {
     /// Orthogonal: bubble by mode, Q31.
@@ -41,13 +41,31 @@ pub struct Shape {
 }
 
 /// Eight bubbles that hear each other at once. The assembly knows how long it is.
-#[derive(Clone, Copy, Debug, Default)]
+#[derive(Clone, Copy, Debug)]
 #[repr(C)]
 pub struct Cluster {
     /// How they swing.
     pub modes: [Mode; MEMBERS],
     /// Who swings in which.
     pub shape: Shape,
+}
+
+impl Cluster {
+    /// Nobody, at rest.
+    pub const REST: Self = Self {
+        modes: [Mode {
+            spring: 0,
+            loss: 0,
+            share: 0,
+            place: 0,
+            speed: [0; 2],
+        }; MEMBERS],
+        shape: Shape {
+            turn: [[0; MEMBERS]; MEMBERS],
+            gauge: [0; MEMBERS],
+            inverse: [0; MEMBERS],
+        },
+    };
 }
 
 impl Mode {
