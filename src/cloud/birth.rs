@@ -1,10 +1,12 @@
 //! Where bubbles of a cloud come from, where they go, and what pushes them. Control path.
 
 use core::f32::consts::PI;
+use core::num::NonZeroU16;
 
 use super::matrix::{Spring, UNIT};
 use crate::bubble::{Bubble, RHO};
 use crate::frame::{BLOCK, TICK};
+use crate::kernel::cloud::MEMBERS;
 use crate::random::Random;
 
 /// No bubble of a cloud is higher than this part of the cloud's rate.
@@ -78,6 +80,27 @@ impl Settings {
     }
 }
 
+/// A cluster and a place in it, or nowhere. Never 0, so that nobody is 0: a board need not keep an empty cloud in flash.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Home(NonZeroU16);
+
+impl Home {
+    /// No place.
+    pub const NOWHERE: Self = Self(NonZeroU16::MAX);
+
+    /// A place in a cluster.
+    pub fn new(cluster: usize, member: usize) -> Self {
+        let number = (cluster * MEMBERS + member) as u16;
+        Self(NonZeroU16::MIN.saturating_add(number))
+    }
+
+    /// Cluster and place, if it is one.
+    pub fn place(self) -> Option<(usize, usize)> {
+        let number = usize::from(self.0.get() - 1);
+        (self != Self::NOWHERE).then_some((number / MEMBERS, number % MEMBERS))
+    }
+}
+
 /// A bubble of a cloud.
 #[derive(Clone, Copy, Debug)]
 pub struct Body {
@@ -97,12 +120,13 @@ pub struct Body {
     pub born: u32,
     /// The tick in which it was at `place`.
     pub since: u32,
-    /// Cluster and place there, as the audio path knows it.
-    pub home: Option<(u8, u8)>,
+    /// Where the audio path knows it.
+    pub home: Home,
 }
 
 impl Body {
     /// A bubble of `radius` metres at rest at `place`, m.
+    #[inline(never)]
     pub fn new(radius: f32, place: [f32; 3], now: u32) -> Self {
         let bubble = Bubble::new(f64::from(radius));
         let (omega, beta) = (bubble.omega0 as f32, bubble.beta as f32);
@@ -115,7 +139,7 @@ impl Body {
             weight: libm::sqrtf(radius) / omega,
             born: now,
             since: now,
-            home: None,
+            home: Home::NOWHERE,
         }
     }
 
@@ -191,6 +215,7 @@ impl Births {
         )
     }
 
+    #[inline(never)]
     fn count(random: &mut Random, next: &mut f32, mean: f32) -> u32 {
         *next -= mean;
         let mut count = 0;
@@ -213,6 +238,7 @@ impl Births {
     }
 
     /// A new bubble.
+    #[inline(never)]
     pub fn body(&mut self, settings: &Settings, now: u32) -> Body {
         let radius = self.radius(settings);
         let place = self.place(settings);
@@ -257,6 +283,7 @@ impl Births {
         (settings.radius_min).max(3.3 * self.step / HIGHEST)
     }
 
+    #[inline(never)]
     fn radius(&mut self, settings: &Settings) -> f32 {
         let min = self.smallest(settings);
         let max = settings.radius_max.max(min);
@@ -313,6 +340,7 @@ pub struct Push {
 
 impl Push {
     /// That lets `body` ring with `pressure` Pa at 1 m if it is alone.
+    #[inline(never)]
     pub fn new(body: &Body, pressure: f32, step: f32) -> Self {
         let spring = body.spring(step);
         let seconds = (body.radius / FORCE_SPEED).min(FORCE_MAX);

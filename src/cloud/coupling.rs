@@ -114,6 +114,7 @@ impl<const K: usize> Core<K> {
     }
 
     /// Whether `1 + √H·G·√H` is positive definite with a margin (Cholesky).
+    #[inline(never)]
     fn holds(&self, root: &[f32; K], k: usize) -> bool {
         let mut l = [[0.0; K]; K];
         for i in 0..k {

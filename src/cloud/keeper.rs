@@ -5,7 +5,7 @@
 //! core. With 8 clusters that makes two or three ticks a batch, with 16 three or four: 125 and 94 batches a second at least.
 
 use super::STEPS_PER_TICK;
-use super::birth::{Births, Body, LOOKS, Push, Settings};
+use super::birth::{Births, Body, Home, LOOKS, Push, Settings};
 use super::coupling::{Core, Peer, loudness};
 use super::matrix::{Solved, fixed, solve, sqrt};
 use super::slice::{
@@ -75,7 +75,7 @@ pub struct Keeper<const K: usize> {
     /// Ticks without births and pushes.
     idle: u32,
     /// What bubbles were worked out with, and how many looks it takes until all have heard of a change.
-    heard: Settings,
+    heard: [f32; 3],
     deaf: usize,
 }
 
@@ -102,7 +102,7 @@ impl<const K: usize> Keeper<K> {
         next: 0,
         content: 0,
         idle: 0,
-        heard: Settings::NONE,
+        heard: [0.0; 3],
         deaf: 0,
     };
 
@@ -133,6 +133,7 @@ impl<const K: usize> Keeper<K> {
     }
 
     /// Decides what the next batch is, if there is one.
+    #[inline(never)]
     fn decide(&mut self, settings: &Settings) {
         let allowed = Self::allowed(settings);
         let count = self.slots.count();
@@ -149,6 +150,7 @@ impl<const K: usize> Keeper<K> {
     }
 
     /// One bubble more, or one in the place of the oldest.
+    #[inline(never)]
     fn bear(&mut self, settings: &Settings, allowed: usize, count: usize) {
         let mut batch = Batch::new();
         let parent = (count > 0 && self.births.happens(settings.split))
@@ -193,6 +195,7 @@ impl<const K: usize> Keeper<K> {
 
     /// Two bubbles in the place of one. They hear each other most of all, so that they stay in one cluster; where that is
     /// full, or all are, its oldest makes room.
+    #[inline(never)]
     fn part(
         &mut self,
         place: Place,
@@ -231,6 +234,7 @@ impl<const K: usize> Keeper<K> {
     }
 
     /// One bubble less.
+    #[inline(never)]
     fn retire_oldest(&mut self, allowed: usize, mut batch: Batch) {
         if let Some(oldest) = self.slots.oldest(allowed, self.now) {
             self.retire(oldest);
@@ -240,6 +244,7 @@ impl<const K: usize> Keeper<K> {
     }
 
     /// The bubble whose turn it is changes places, if that is better; now and then it first goes where it has drifted.
+    #[inline(never)]
     fn tidy(&mut self, settings: &Settings, allowed: usize) {
         let all = K * MEMBERS;
         let at = |n: usize| ((n / MEMBERS) % K, n % MEMBERS);
@@ -285,17 +290,18 @@ impl<const K: usize> Keeper<K> {
     }
 
     /// Lets the bubble at `place` ring out, if the audio path knows it.
+    #[inline(never)]
     fn retire(&mut self, place: Place) {
         let Some(body) = self.slots.take(place) else {
             return;
         };
-        if let Some((cluster, member)) = body.home {
+        if let Some((cluster, member)) = body.home.place() {
             let spring = body.spring(self.births.step);
             let share = sqrt(body.radius) / sqrt(spring.mass);
             // Which of the changed clusters that is, is known when the batch begins.
             let retired = Retired {
-                from: cluster,
-                to: self.ring_out | member << 4,
+                from: cluster as u8,
+                to: self.ring_out | (member << 4) as u8,
                 mode: spring.mode(share),
                 inverse: fixed(1.0 / spring.gauge(), 23),
             };
@@ -305,15 +311,11 @@ impl<const K: usize> Keeper<K> {
     }
 
     /// Fixes who comes from where, and what is next.
+    #[inline(never)]
     fn begin(&mut self, batch: Batch, allowed: usize) {
         if batch.is_empty() {
             return;
         }
-        let from = |home: Option<(u8, u8)>| {
-            let (cluster, member) = home?;
-            let place = batch.iter().position(|changed| *changed == cluster)?;
-            Some((place * MEMBERS) as u8 + member)
-        };
         self.content = 0;
         self.commit.changed.clear();
         for cluster in &batch {
@@ -324,29 +326,26 @@ impl<const K: usize> Keeper<K> {
             let members = &mut self.slots.clusters[usize::from(*cluster)];
             for (i, member) in members.iter_mut().enumerate() {
                 if let Some(body) = member {
-                    changed.from[i] = from(body.home).unwrap_or(NOBODY);
-                    body.home = Some((*cluster, i as u8));
+                    changed.from[i] = origin(&batch, body.home);
+                    body.home = Home::new(usize::from(*cluster), i);
                 }
             }
             let _ = self.commit.changed.push(changed);
         }
         for retired in &mut self.commit.retired {
             let (to, member) = (retired.to & 15, retired.to >> 4);
-            retired.from = from(Some((retired.from, member))).unwrap_or(NOBODY);
+            let home = Home::new(usize::from(retired.from), usize::from(member));
+            retired.from = origin(&batch, home);
             retired.to = to;
         }
-        let used = self
-            .slots
-            .bodies()
-            .map(|((cluster, _), _)| cluster + 1)
-            .max();
-        let used = used.unwrap_or(1).max(allowed).min(K);
-        self.groups = used.div_ceil(GROUP).max(1);
+        let used = self.slots.used().max(allowed).clamp(1, K);
+        self.groups = used.div_ceil(GROUP);
         self.commit.groups = self.groups;
         self.stage = Stage::Cluster(0);
     }
 
     /// Works out one of the clusters that change.
+    #[inline(never)]
     fn cluster(&mut self, n: usize, settings: &Settings) -> Slice {
         let cluster = usize::from(self.commit.changed[n].cluster);
         let members = &self.slots.clusters[cluster];
@@ -371,6 +370,7 @@ impl<const K: usize> Keeper<K> {
     }
 
     /// Works out the core.
+    #[inline(never)]
     fn core(&mut self, settings: &Settings) {
         let k = self.groups * GROUP;
         for p in 0..k {
@@ -398,6 +398,7 @@ impl<const K: usize> Keeper<K> {
     }
 
     /// Pushes newborns that are there now, and others as the water does.
+    #[inline(never)]
     fn push(&mut self, settings: &Settings, message: &mut Message) {
         if message.commit.is_some() {
             for place in core::mem::take(&mut self.newborn) {
@@ -438,6 +439,16 @@ pub fn force(place: Place, push: &Push) -> Force {
         push: push.push,
         energy: push.energy,
     }
+}
+
+/// Where a bubble comes from, among those of the clusters that change.
+#[inline(never)]
+fn origin(batch: &Batch, home: Home) -> u8 {
+    let place = home.place().and_then(|(cluster, member)| {
+        let changed = (batch.iter()).position(|changed| usize::from(*changed) == cluster)?;
+        Some((changed * MEMBERS + member) as u8)
+    });
+    place.unwrap_or(NOBODY)
 }
 
 const _: () = assert!(CHANGED <= FORCES);
@@ -483,10 +494,10 @@ impl<const K: usize> Keep for Keeper<K> {
         };
         let due = self.births.due(settings);
         self.waiting = (self.waiting + due).min(WAITING);
-        let news = |settings: &Settings| [settings.coupling, settings.depth, settings.width];
-        if news(settings) != news(&self.heard) {
+        let heard = [settings.coupling, settings.depth, settings.width];
+        if heard != self.heard {
             self.deaf = K * MEMBERS;
-            self.heard = *settings;
+            self.heard = heard;
         }
         let decides = self.stage == Stage::Rest;
         if decides {

@@ -56,7 +56,7 @@ fn diagonalise(a: &mut Matrix) -> Matrix {
 }
 
 /// One turn of Jacobi's, where it matters.
-#[inline(always)]
+#[inline(never)]
 fn turn_pair(a: &mut Matrix, turn: &mut Matrix, p: usize, q: usize) -> bool {
     /// Square of what is nothing beside the diagonal.
     const NOTHING: f32 = 1e-9;
@@ -112,6 +112,7 @@ pub struct Spring {
 
 impl Spring {
     /// Squares of the angle and the decay, a step.
+    #[inline(never)]
     pub fn new(square: f32, decay: f32) -> Self {
         let square = square.min(FASTEST * FASTEST);
         let kept = exp_neg(decay);
@@ -166,11 +167,13 @@ pub fn sqrt(x: f32) -> f32 {
 }
 
 /// `e^-x` for `x` from 0 to 0.5, within 1e-7.
+#[inline(never)]
 fn exp_neg(x: f32) -> f32 {
     (1..9).rev().fold(1.0, |sum, n| 1.0 - x / n as f32 * sum)
 }
 
 /// `2 − 2·cos(sqrt(x))` for `x` from 0 to π², within 2e-7 of it.
+#[inline(never)]
 fn twice_versine(x: f32) -> f32 {
     let series = (2..11).rev().fold(1.0, |sum, n| {
         let n = n as f32;

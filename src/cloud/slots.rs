@@ -33,6 +33,7 @@ pub struct Look<const K: usize> {
 }
 
 /// What two bubbles add to the sums.
+#[inline(always)]
 fn pair(a: &Body, b: &Body) -> (i32, f32) {
     let near = nearness(a, b);
     let radii = a.radius * b.radius;
@@ -40,6 +41,12 @@ fn pair(a: &Body, b: &Body) -> (i32, f32) {
         (radii * near * (1u64 << NEAR_BITS) as f32) as i32,
         radii * near * near,
     )
+}
+
+/// The same, once.
+#[inline(never)]
+fn one_pair(a: &Body, b: &Body) -> (i32, f32) {
+    pair(a, b)
 }
 
 impl<const K: usize> Slots<K> {
@@ -58,9 +65,32 @@ impl<const K: usize> Slots<K> {
         })
     }
 
+    /// Calls `f` with all that are there. The control path's loops are plain ones: chains of iterators take a board's
+    /// flash, kilobytes each.
+    fn each(&self, mut f: impl FnMut(Place, &Body)) {
+        for (cluster, members) in self.clusters.iter().enumerate() {
+            for (i, member) in members.iter().enumerate() {
+                if let Some(body) = member {
+                    f((cluster, i), body);
+                }
+            }
+        }
+    }
+
     /// How many are there.
+    #[inline(never)]
     pub fn count(&self) -> usize {
-        self.bodies().count()
+        let mut count = 0;
+        self.each(|_, _| count += 1);
+        count
+    }
+
+    /// Clusters in use, but for empty ones after the others.
+    #[inline(never)]
+    pub fn used(&self) -> usize {
+        let mut used = 0;
+        self.each(|(cluster, _), _| used = cluster + 1);
+        used
     }
 
     /// The one at `place`.
@@ -69,10 +99,17 @@ impl<const K: usize> Slots<K> {
     }
 
     /// Who came first; of those that are not in the first `clusters`, if there are any.
+    #[inline(never)]
     pub fn oldest(&self, clusters: usize, now: u32) -> Option<Place> {
-        let age =
-            |(place, body): &(Place, &Body)| (place.0 >= clusters, now.wrapping_sub(body.born));
-        self.bodies().max_by_key(age).map(|(place, _)| place)
+        let mut oldest = None;
+        let mut most = (false, 0);
+        self.each(|place, body| {
+            let age = (place.0 >= clusters, now.wrapping_sub(body.born));
+            if oldest.is_none() || age > most {
+                (oldest, most) = (Some(place), age);
+            }
+        });
+        oldest
     }
 
     /// What is between two clusters, 1/m, over the product of their members' radii.
@@ -81,17 +118,18 @@ impl<const K: usize> Slots<K> {
     }
 
     /// Whether `body` would stand inside another.
+    #[inline(never)]
     pub fn overlaps(&self, body: &Body) -> bool {
-        self.bodies().any(|(_, other)| {
-            let apart: f32 = (0..3)
-                .map(|i| body.place[i] - other.place[i])
-                .map(|x| x * x)
-                .sum();
+        let mut overlaps = false;
+        self.each(|_, other| {
+            let [x, y, z] = [0, 1, 2].map(|i| body.place[i] - other.place[i]);
             let touch = body.radius + other.radius;
-            apart < touch * touch
-        })
+            overlaps |= x * x + y * y + z * z < touch * touch;
+        });
+        overlaps
     }
 
+    #[inline(never)]
     fn look(&self, body: &Body) -> Look<K> {
         let mut look = Look {
             near: [0; K],
@@ -116,6 +154,7 @@ impl<const K: usize> Slots<K> {
         Some(look)
     }
 
+    #[inline(never)]
     fn count_in(&mut self, cluster: usize, look: &Look<K>, sign: i32) {
         for (other, near) in look.near.iter().enumerate() {
             self.near[cluster][other] += sign * near;
@@ -126,6 +165,7 @@ impl<const K: usize> Slots<K> {
     }
 
     /// Takes out whoever is at `place`.
+    #[inline(never)]
     pub fn take(&mut self, place: Place) -> Option<Body> {
         let body = self.clusters[place.0][place.1].take()?;
         let look = self.look(&body);
@@ -134,18 +174,21 @@ impl<const K: usize> Slots<K> {
     }
 
     /// Puts `body` into the free `place`.
+    #[inline(never)]
     pub fn put(&mut self, place: Place, body: Body) -> Look<K> {
         let look = self.look(&body);
         self.put_looked(place, body, &look);
         look
     }
 
+    #[inline(never)]
     fn put_looked(&mut self, place: Place, body: Body, look: &Look<K>) {
         self.count_in(place.0, look, 1);
         self.clusters[place.0][place.1] = Some(body);
     }
 
     /// Puts `body` where it belongs most, of the first `clusters` those with room. None if all are full.
+    #[inline(never)]
     pub fn settle(&mut self, body: Body, clusters: usize) -> Option<(Place, Look<K>)> {
         let look = self.look(&body);
         let free = |cluster: usize| {
@@ -166,6 +209,7 @@ impl<const K: usize> Slots<K> {
 
     /// Lets the bubble at `place`, which has had a `look` at the others, change places with one of the cluster that it
     /// belongs to, where both together belong there more. Returns where it is then.
+    #[inline(never)]
     pub fn improve(&mut self, place: Place, look: &Look<K>, clusters: usize) -> Option<Place> {
         let home = place.0;
         let better = |a: usize, b: usize| {
@@ -199,7 +243,7 @@ impl<const K: usize> Slots<K> {
         if let Some(other) = self.clusters[to][there.1].take() {
             let mut looked = self.look(&other);
             self.count_in(to, &looked, -1);
-            let near = pair(&body, &other).0;
+            let near = one_pair(&body, &other).0;
             look.near[to] -= near;
             self.put_looked(there, body, &look);
             looked.near[to] += near;
@@ -211,16 +255,23 @@ impl<const K: usize> Slots<K> {
     }
 
     /// What it gains if `other` goes from its place to that of `body`, who goes to its.
+    #[inline(never)]
     fn gain(&self, other: &Body, from: Place, to: Place, body: &Body) -> f32 {
-        let belongs = |cluster: usize, but: usize| {
-            let members = self.clusters[cluster].iter().enumerate();
-            members
-                .filter(|(i, _)| *i != but)
-                .filter_map(|(_, member)| member.as_ref())
-                .map(|member| pair(other, member).1)
-                .sum::<f32>()
-        };
         // What the two are to each other is counted with `body`, whom `other` leaves behind.
-        belongs(to.0, to.1) - belongs(from.0, from.1) - pair(other, body).1
+        self.belongs(other, to) - self.belongs(other, from) - one_pair(other, body).1
+    }
+
+    /// How much `body` belongs to a cluster without the member at `but`.
+    #[inline(never)]
+    fn belongs(&self, body: &Body, but: Place) -> f32 {
+        let mut belongs = 0.0;
+        for (i, member) in self.clusters[but.0].iter().enumerate() {
+            if let Some(member) = member
+                && i != but.1
+            {
+                belongs += one_pair(body, member).1;
+            }
+        }
+        belongs
     }
 }
