@@ -1,8 +1,8 @@
 //! The cloud's control path: one batch of changes after another, each cut into ticks, in force at a fixed frame.
 //!
-//! A batch is decided and its first cluster worked out in one tick (in two where there are more than 8 clusters), its
-//! second cluster, where two change, in the next, the core in the one after; the commit goes out with the last rows of the
-//! core. With 8 clusters that makes two or three ticks a batch, with 16 three or four: 125 and 94 batches a second at least.
+//! A batch is decided in one tick, its first cluster worked out in the next, its second one, where two change, in the one
+//! after, then the core; the commit goes out with the last rows of the core. That makes three or four ticks a batch, so 94
+//! batches a second at least; births that come faster wait, and those that do not fit into the queue are none.
 
 use super::STEPS_PER_TICK;
 use super::birth::{Births, Body, Home, LOOKS, Push, Settings};
@@ -539,8 +539,8 @@ impl<const K: usize> Keep for Keeper<K> {
         }
         match self.stage {
             Stage::Rest => {}
-            // A large cloud takes a tick to decide.
-            _ if decides && K > GROUP => {}
+            // To decide is enough for a tick.
+            _ if decides => {}
             Stage::Cluster(n) => {
                 message.slice = Some(self.cluster(n, settings));
                 let last = n + 1 == self.commit.changed.len();
