@@ -99,6 +99,19 @@ impl<const C: usize, const D: usize, const R: usize> Hold for Store<C, D, R> {
     }
 }
 
+/// What a cloud has done, for a model of what it costs.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Work {
+    /// Groups of eight clusters that move now.
+    pub groups: usize,
+    /// Commits so far.
+    pub commits: u32,
+    /// Steps of forces so far.
+    pub pushes: u32,
+    /// Forces that were not felt: too many, or too much energy.
+    pub refused: u32,
+}
+
 /// A force on its way. It ends before its tick does, so that nobody changes places meanwhile.
 #[derive(Clone, Copy, Debug)]
 struct Pushing {
@@ -129,8 +142,7 @@ pub struct Cloud<S> {
     /// Loudness of bubbles that ring out, as in the core.
     ring_out: i32,
     double: Double,
-    /// Forces that were not felt: too many, or too much energy.
-    refused: u32,
+    work: Work,
 }
 
 impl<S: Hold> Cloud<S> {
@@ -145,7 +157,12 @@ impl<S: Hold> Cloud<S> {
             moves: false,
             ring_out: 0,
             double: Double::new(),
-            refused: 0,
+            work: Work {
+                groups: 0,
+                commits: 0,
+                pushes: 0,
+                refused: 0,
+            },
         }
     }
 
@@ -186,9 +203,12 @@ impl<S: Hold> Cloud<S> {
         !self.moves && self.pushing.is_empty() && self.jump == [0; 2] && self.double.is_silent()
     }
 
-    /// Forces that were not felt.
-    pub fn refused(&self) -> u32 {
-        self.refused
+    /// What it has done.
+    pub fn work(&self) -> Work {
+        Work {
+            groups: if self.moves { self.groups } else { 0 },
+            ..self.work
+        }
     }
 
     /// Adds one block.
@@ -269,6 +289,7 @@ impl<S: Hold> Cloud<S> {
     /// Other clusters from here on: what rings goes on ringing, and no ear hears a step.
     #[inline(never)]
     fn commit(&mut self, commit: &Commit) {
+        self.work.commits = self.work.commits.wrapping_add(1);
         let before = self.ears();
         let old = self.groups * GROUP;
         let parts = self.store.parts();
@@ -330,7 +351,7 @@ impl<S: Hold> Cloud<S> {
         let in_time = usize::from(force.start) + usize::from(force.steps) <= STEPS_PER_TICK;
         let fits = place < self.groups * GROUP && energy < ENERGY_MAX;
         if !(fits && in_time && force.steps > 0) {
-            self.refused = self.refused.wrapping_add(1);
+            self.work.refused = self.work.refused.wrapping_add(1);
             return;
         }
         let Cluster { modes, shape } = &self.store.parts().clusters[place];
@@ -351,7 +372,7 @@ impl<S: Hold> Cloud<S> {
             growth: push.saturating_mul(3),
         };
         if self.pushing.push(pushing).is_err() {
-            self.refused = self.refused.wrapping_add(1);
+            self.work.refused = self.work.refused.wrapping_add(1);
         }
     }
 
@@ -378,12 +399,13 @@ impl<S: Hold> Cloud<S> {
     #[inline(never)]
     fn push_on(&mut self) {
         let parts = self.store.parts();
-        let mut moves = false;
+        let mut pushes = 0;
         self.pushing.retain_mut(|pushing| {
             if pushing.wait > 0 {
                 pushing.wait -= 1;
                 return true;
             }
+            pushes += 1;
             let place = usize::from(pushing.force.cluster);
             let push = pushing.push;
             for (mode, kick) in parts.clusters[place].modes.iter_mut().zip(&pushing.kicks) {
@@ -396,10 +418,10 @@ impl<S: Hold> Cloud<S> {
             let bend = pushing.force.push.saturating_mul(4);
             pushing.growth = pushing.growth.saturating_add(bend);
             pushing.force.steps -= 1;
-            moves = true;
             pushing.force.steps > 0
         });
-        self.moves |= moves;
+        self.moves |= pushes > 0;
+        self.work.pushes = self.work.pushes.wrapping_add(pushes);
     }
 
     /// Comes to rest where nothing is to be heard any more.

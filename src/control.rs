@@ -13,7 +13,7 @@ use crate::frame::{BLOCK, TICK};
 use crate::mix;
 use crate::param::{self, COUNT, TABLE};
 use crate::population::{Drive, Radii, Slice, Tuner};
-use crate::profile::Limits;
+use crate::profile::{Limits, Most, limits};
 use crate::scene::{CURVES, IntensityCurve, Scene};
 use crate::swell::{self, Swell};
 use crate::update::Update;
@@ -138,10 +138,7 @@ impl Control {
     /// As it is before it starts. All of it is zero, so that a board need not keep it in flash.
     pub const OFF: Self = Self {
         sample_rate: 0.0,
-        limits: Limits {
-            rate: 0.0,
-            classes: 0,
-        },
+        limits: limits([0.0; 2], [0; 2]),
         ramps: [Ramp::at(0.0); COUNT],
         curves: Vec::new(),
         swell: Swell::OFF,
@@ -376,12 +373,21 @@ impl Control {
         self.ramps[index].now
     }
 
+    /// What the board has time for now.
+    fn most(&self) -> Most {
+        if self.at(param::CLOUD_RATE) > 0.0 {
+            self.limits.beside_cloud
+        } else {
+            self.limits.alone
+        }
+    }
+
     fn radii(&self) -> Radii {
         let [a, b] = [self.at(param::RADIUS_MIN), self.at(param::RADIUS_MAX)];
         Radii {
             min: a.min(b),
             max: a.max(b),
-            classes: (self.at(param::CLASSES) as usize).min(self.limits.classes),
+            classes: (self.at(param::CLASSES) as usize).min(self.most().classes),
         }
     }
 
@@ -413,7 +419,7 @@ impl Control {
         let entrained = self.at(param::EXCITATION) == 1.0;
         let impact = |value: f32, other: f32| if entrained { other } else { value };
         Drive {
-            rate: self.at(param::RATE).min(self.limits.rate) * self.flow,
+            rate: self.at(param::RATE).min(self.most().rate) * self.flow,
             gamma: gamma + ebb * self.at(param::SWELL_FIZZ),
             weight: core::array::from_fn(weight),
             alpha: impact(self.at(param::ALPHA), 0.0),

@@ -1,6 +1,6 @@
 //! The instrument: [`Synth`] is the audio path, [`Instrument`] is the audio path with its control path.
 
-use crate::cloud::{Cloud, Keep};
+use crate::cloud::{Cloud, Keep, Work};
 use crate::control::Control;
 use crate::frame::{BLOCK, BLOCKS_PER_TICK, Block, Frame, TICK};
 use crate::kernel::voice::Ears;
@@ -158,6 +158,11 @@ impl<P: Profile> Synth<P> {
     /// Classes that ring now.
     pub fn ringing(&self) -> usize {
         self.population.ringing()
+    }
+
+    /// What the cloud has done.
+    pub fn cloud(&self) -> Work {
+        self.cloud.work()
     }
 
     /// Whether no bubble rings.

@@ -10,7 +10,7 @@ use freshet::mix::Output;
 use freshet::observer::{Birth, Crowd, Observer};
 use freshet::param;
 use freshet::population;
-use freshet::profile::{F411, Limits, Profile};
+use freshet::profile::{F411, Limits, Profile, limits};
 use freshet::stats::Stats;
 use freshet::voices::{Pitch, Strike, Voice};
 use freshet::{Frame, Instrument, TICK, Update};
@@ -325,10 +325,7 @@ struct Tight;
 impl Profile for Tight {
     const NAME: &'static str = "tight";
     const VOICES: usize = 32;
-    const LIMITS: Limits = Limits {
-        rate: 100_000.0,
-        classes: 64,
-    };
+    const LIMITS: Limits = limits([1e5; 2], [64; 2]);
     const BIRTHS_PER_BLOCK: u32 = 40;
     type Voices = [Voice; 32];
     const IDLE: Self::Voices = [Voice::IDLE; 32];

@@ -204,9 +204,14 @@ pub fn render(request: &Request, stop: &Arc<AtomicBool>) -> Result<Report> {
 
 /// See [`Report::cuts`].
 fn cuts(source: &Source, limits: &Limits) -> Vec<(&'static str, f32, f32)> {
+    let most = if source.scene.value(param::CLOUD_RATE) > 0.0 {
+        limits.beside_cloud
+    } else {
+        limits.alone
+    };
     let rows = [
-        ("births a second", param::RATE, limits.rate),
-        ("radius classes", param::CLASSES, limits.classes as f32),
+        ("births a second", param::RATE, most.rate),
+        ("radius classes", param::CLASSES, most.classes as f32),
     ];
     let rows = rows.map(|(what, index, most)| (what, source.scene.value(index), most));
     let mut rows = rows.to_vec();
