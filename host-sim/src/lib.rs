@@ -14,6 +14,8 @@ pub mod board;
 #[cfg(feature = "command")]
 pub mod bubble_events;
 #[cfg(feature = "command")]
+pub mod cloud;
+#[cfg(feature = "command")]
 pub mod flash;
 #[cfg(feature = "command")]
 pub mod list;
