@@ -25,8 +25,9 @@ impl Cholesky {
     ///
     /// None where the matrix is not positive definite.
     pub fn new(n: usize, mut entry: impl FnMut(usize, usize) -> f64) -> Option<Self> {
-        let mut columns: Vec<Vec<f64>> =
-            (0..n).map(|j| (j..n).map(|i| entry(i, j)).collect()).collect();
+        let mut columns: Vec<Vec<f64>> = (0..n)
+            .map(|j| (j..n).map(|i| entry(i, j)).collect())
+            .collect();
         let arch = Arch::new();
         arch.dispatch(|| {
             for j in 0..n {
@@ -242,7 +243,9 @@ mod tests {
                 0 => {
                     places.push(*new);
                     let n = places.len();
-                    let row: Vec<_> = (0..n).map(|i| entry(&coupling, &places, i, n - 1)).collect();
+                    let row: Vec<_> = (0..n)
+                        .map(|i| entry(&coupling, &places, i, n - 1))
+                        .collect();
                     factor.append(&row).unwrap();
                 }
                 1 if places.len() > 2 => {
@@ -261,7 +264,10 @@ mod tests {
             }
         }
         let off = difference(&factor, &fresh(&places));
-        println!("380 updates, {} rows: factor off by {off:.1e}", places.len());
+        println!(
+            "380 updates, {} rows: factor off by {off:.1e}",
+            places.len()
+        );
         assert!(off < 1e-12, "{off}");
     }
 
@@ -273,7 +279,11 @@ mod tests {
         let x: Vec<f64> = places.iter().map(|_| random.unit()).collect();
         let coupling = Coupling::default();
         let mut b: Vec<f64> = (0..90)
-            .map(|i| (0..90).map(|j| entry(&coupling, &places, i, j) * x[j]).sum())
+            .map(|i| {
+                (0..90)
+                    .map(|j| entry(&coupling, &places, i, j) * x[j])
+                    .sum()
+            })
             .collect();
         factor.solve(&mut b);
         assert!(b.iter().zip(&x).all(|(a, b)| (a - b).abs() < 1e-12));

@@ -36,7 +36,8 @@ impl Pulse {
         let length = LONGEST.min(radius / 6.0);
         match cause {
             Cause::Entrained | Cause::Split => Self {
-                growth: -9.0 * GAMMA * SIGMA * ETA * inside * (1.0 + ETA * ETA).sqrt() / (4.0 * cube),
+                growth: -9.0 * GAMMA * SIGMA * ETA * inside * (1.0 + ETA * ETA).sqrt()
+                    / (4.0 * cube),
                 length,
             },
             Cause::Merged([r1, r2]) => {
@@ -93,7 +94,10 @@ mod tests {
                 let sum: f64 = times.clone().map(|t| pulse.around(t, h) * h).sum();
                 let centre: f64 = times.map(|t| t * pulse.around(t, h) * h).sum::<f64>() / sum;
                 assert!((sum / impulse - 1.0).abs() < 1e-9, "{sum} {impulse}");
-                assert!((centre / (0.75 * pulse.length) - 1.0).abs() < 1e-6, "{centre}");
+                assert!(
+                    (centre / (0.75 * pulse.length) - 1.0).abs() < 1e-6,
+                    "{centre}"
+                );
             }
         }
     }

@@ -6,7 +6,7 @@
 
 pub mod coupling;
 pub mod dense;
-// pub mod ensemble;
+pub mod ensemble;
 pub mod forcing;
 pub mod modes;
 // pub mod modes_command;

@@ -109,7 +109,9 @@ pub fn refusal(coupling: &Coupling, least: f64) -> String {
 /// `K^−½·M̃·K^−½`, whose eigenvalues are 1/ω².
 fn scaled(mass: &Mat<f64>, tones: &[Tone]) -> Mat<f64> {
     let n = tones.len();
-    Mat::from_fn(n, n, |i, j| mass[(i, j)] / (tones[i].omega0 * tones[j].omega0))
+    Mat::from_fn(n, n, |i, j| {
+        mass[(i, j)] / (tones[i].omega0 * tones[j].omega0)
+    })
 }
 
 fn compliance(mass: &Mat<f64>, tones: &[Tone]) -> Result<SelfAdjointEigen<f64>> {
@@ -122,7 +124,9 @@ fn compliance(mass: &Mat<f64>, tones: &[Tone]) -> Result<SelfAdjointEigen<f64>> 
 
 fn check(mut inverses: impl Iterator<Item = f64>) -> Result<()> {
     if !inverses.all(|inverse| inverse > 0.0) {
-        bail!("the mass matrix is not positive definite: some mode has no pitch (see `freshet modes`)");
+        bail!(
+            "the mass matrix is not positive definite: some mode has no pitch (see `freshet modes`)"
+        );
     }
     Ok(())
 }

@@ -452,7 +452,8 @@ fn dot(a: &Row, b: &Row) -> f64 {
     for i in 0..SIZE {
         lanes[i % 8] += a[i] * b[i];
     }
-    ((lanes[0] + lanes[4]) + (lanes[1] + lanes[5])) + ((lanes[2] + lanes[6]) + (lanes[3] + lanes[7]))
+    ((lanes[0] + lanes[4]) + (lanes[1] + lanes[5]))
+        + ((lanes[2] + lanes[6]) + (lanes[3] + lanes[7]))
 }
 
 /// A symmetric block times a vector.
@@ -539,7 +540,11 @@ fn rehomed(coupling: &Coupling, places: &[Place], homes: &[usize]) -> Option<Vec
         }
     }
     let mut pulls = vec![0.0; clusters];
-    for (i, _) in homes.iter().enumerate().filter(|home| *home.1 == usize::MAX) {
+    for (i, _) in homes
+        .iter()
+        .enumerate()
+        .filter(|home| *home.1 == usize::MAX)
+    {
         for (pull, group) in pulls.iter_mut().zip(&groups) {
             *pull = if group.len() < SIZE {
                 let pull = |&j: &usize| coupling.between(&places[i], &places[j]).powi(2);
@@ -563,7 +568,11 @@ fn clusters(coupling: &Coupling, places: &[Place]) -> Vec<Vec<usize>> {
     let mut groups = Vec::new();
     let mut all: Vec<usize> = (0..places.len()).collect();
     // With some room for those to come.
-    let parts = places.len().div_ceil(SIZE - ROOM);
+    let parts = if places.len() <= SIZE {
+        1
+    } else {
+        places.len().div_ceil(SIZE - ROOM)
+    };
     cut(places, &mut all, parts, &mut groups);
     if groups.len() > 1 && places.len() <= REFINE {
         refine(coupling, places, &mut groups);
@@ -623,8 +632,8 @@ fn refine(coupling: &Coupling, places: &[Place], groups: &mut [Vec<usize>]) {
                 if q == p {
                     continue;
                 }
-                let gain = drawn[i * k + q] - drawn[i * k + p] + drawn[j * k + p]
-                    - drawn[j * k + q];
+                let gain =
+                    drawn[i * k + q] - drawn[i * k + p] + drawn[j * k + p] - drawn[j * k + q];
                 // The pair itself would stay apart; reckoned only where it may matter.
                 if gain > best.0 {
                     let gain = gain - 2.0 * pull(i, j);
@@ -640,7 +649,8 @@ fn refine(coupling: &Coupling, places: &[Place], groups: &mut [Vec<usize>]) {
             let q = home[j];
             home.swap(i, j);
             for l in 0..n {
-                let change = if l == j { 0.0 } else { pull(l, j) } - if l == i { 0.0 } else { pull(l, i) };
+                let change =
+                    if l == j { 0.0 } else { pull(l, j) } - if l == i { 0.0 } else { pull(l, i) };
                 drawn[l * k + p] += change;
                 drawn[l * k + q] -= change;
             }
@@ -667,7 +677,15 @@ mod tests {
     #[ignore]
     fn experiment() {
         let c = Coupling::default();
-        for (n, r) in [(64, 0.03), (64, 0.05), (128, 0.04), (128,0.08), (256, 0.05), (512, 0.08), (512,0.05)] {
+        for (n, r) in [
+            (64, 0.03),
+            (64, 0.05),
+            (128, 0.04),
+            (128, 0.08),
+            (256, 0.05),
+            (512, 0.08),
+            (512, 0.05),
+        ] {
             let mut errors = vec![];
             let mut least = 9.0f64;
             for seed in 0..6 {
@@ -681,7 +699,12 @@ mod tests {
             }
             errors.sort_by(f64::total_cmp);
             let mean = errors.iter().sum::<f64>() / errors.len() as f64;
-            println!("{n} {r}: mean {:.3}% p95 {:.3}% max {:.3}% least {least:.3}", 100.0*mean, 100.0*errors[errors.len()*95/100], 100.0*errors[errors.len()-1]);
+            println!(
+                "{n} {r}: mean {:.3}% p95 {:.3}% max {:.3}% least {least:.3}",
+                100.0 * mean,
+                100.0 * errors[errors.len() * 95 / 100],
+                100.0 * errors[errors.len() - 1]
+            );
         }
     }
 }

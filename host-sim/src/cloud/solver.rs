@@ -21,6 +21,9 @@ pub enum Choice {
 /// Up to so many bubbles the dense solver is the faster one.
 pub const DENSE_UP_TO: usize = 48;
 
+/// Where a matrix may be indefinite, it is tried whole up to so many bubbles; beyond, only as the reduced solver sees it.
+const CHECKED_UP_TO: usize = 1024;
+
 /// What a solver is made for.
 #[derive(Clone, Copy, Debug)]
 pub struct Method {
@@ -53,14 +56,25 @@ impl Method {
 }
 
 /// A bubble as a solver sees it.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug)]
 pub struct Member {
     /// Tells bubbles apart from one solver to the next.
     pub key: usize,
+    /// Whatever the owner knows it by now.
+    pub index: usize,
+    /// Its place in the solver before; `usize::MAX` if it had none.
+    pub was: usize,
     /// Where and how large.
     pub place: Place,
     /// Its coefficients.
     pub step: Step,
+}
+
+/// The same bubble, unchanged.
+impl PartialEq for Member {
+    fn eq(&self, other: &Self) -> bool {
+        self.key == other.key && self.place == other.place && self.step == other.step
+    }
 }
 
 /// An inverse of `M̃ + E` for some members.
@@ -99,18 +113,18 @@ impl Solver {
     /// and no dipole.
     pub fn after(before: &Self, method: &Method, members: Vec<Member>) -> Result<Self, Indefinite> {
         let coupling = &method.coupling;
+        if !coupling.is_always_definite() && members.len() <= CHECKED_UP_TO {
+            let bare = |i: usize, j: usize| {
+                let (a, b) = (&members[i], &members[j]);
+                if i == j {
+                    1.0 + a.step.slack().min(0.0)
+                } else {
+                    coupling.between(&a.place, &b.place)
+                }
+            };
+            Cholesky::new(members.len(), bare).ok_or(Indefinite)?;
+        }
         if method.is_dense(members.len()) {
-            if !coupling.is_always_definite() {
-                let bare = |i: usize, j: usize| {
-                    let (a, b) = (&members[i], &members[j]);
-                    if i == j {
-                        1.0 + a.step.slack().min(0.0)
-                    } else {
-                        coupling.between(&a.place, &b.place)
-                    }
-                };
-                Cholesky::new(members.len(), bare).ok_or(Indefinite)?;
-            }
             return Self::dense(before, coupling, members).ok_or(Indefinite);
         }
         let places: Vec<Place> = members.iter().map(|member| member.place).collect();
@@ -119,7 +133,16 @@ impl Solver {
             Reduced::new(coupling, &places, &slack, &[]).ok_or(Indefinite)?;
         }
         let extra: Vec<f64> = members.iter().map(|member| member.step.extra).collect();
-        let homes = before.homes(&members);
+        let homes: Vec<usize> = match before.kind {
+            Kind::Reduced(_) => members
+                .iter()
+                .map(|member| match member.was {
+                    usize::MAX => usize::MAX,
+                    was => was / reduced::SIZE,
+                })
+                .collect(),
+            Kind::Dense(_) => Vec::new(),
+        };
         let reduced = Reduced::new(coupling, &places, &extra, &homes).ok_or(Indefinite)?;
         Ok(Self {
             order: reduced.order().to_vec(),
@@ -139,8 +162,7 @@ impl Solver {
         let (factor, members) = match before.updated(&members, entry) {
             Some(updated) => updated,
             None => {
-                let factor =
-                    Cholesky::new(members.len(), |i, j| entry(&members[i], &members[j]))?;
+                let factor = Cholesky::new(members.len(), |i, j| entry(&members[i], &members[j]))?;
                 (factor, members)
             }
         };
@@ -187,7 +209,7 @@ impl Solver {
                     let row: Vec<f64> = rows.iter().map(|other| entry(&rows[at], other)).collect();
                     factor.replace(at, &row)?;
                 }
-                Some(_) => {}
+                Some(now) => rows[at] = **now,
             }
         }
         let known: std::collections::HashSet<usize> = rows.iter().map(|row| row.key).collect();
@@ -199,20 +221,14 @@ impl Solver {
         Some((factor, rows))
     }
 
-    /// The cluster each of `members` stood in; `usize::MAX` for those that are new here.
-    fn homes(&self, members: &[Member]) -> Vec<usize> {
-        if !matches!(self.kind, Kind::Reduced(_)) {
-            return Vec::new();
-        }
-        let most = self.members.iter().map(|m| m.key + 1).max().unwrap_or(0);
-        let mut homes = vec![usize::MAX; most];
-        for (place, &member) in self.order.iter().enumerate() {
-            if let Some(member) = self.members.get(member) {
-                homes[member.key] = place / reduced::SIZE;
-            }
-        }
-        let home = |member: &Member| homes.get(member.key).copied().unwrap_or(usize::MAX);
-        members.iter().map(home).collect()
+    /// Whether it was made for just these.
+    pub fn is_for(&self, members: &[Member]) -> bool {
+        self.members == members
+    }
+
+    /// Takes over what their owner calls them now.
+    pub fn renumber(&mut self, members: Vec<Member>) {
+        self.members = members;
     }
 
     /// The member at each place, in the order that [`Self::solve`] takes; `None` where nobody stands.

@@ -159,7 +159,13 @@ mod tests {
 
     #[test]
     fn the_second_derivative_is_within_its_bounds() {
-        for (turns, bound) in [(0.01, 1e-6), (0.1, 1e-6), (0.2, 1e-4), (0.25, 5e-4), (0.333, 0.0105)] {
+        for (turns, bound) in [
+            (0.01, 1e-6),
+            (0.1, 1e-6),
+            (0.2, 1e-4),
+            (0.25, 5e-4),
+            (0.333, 0.0105),
+        ] {
             let theta = 2.0 * PI * turns;
             let mut sharpen = Sharpen::new();
             let sine = |n: f64| (theta * n).sin();
@@ -198,7 +204,10 @@ mod tests {
                         let n = f64::from(n);
                         let wanted = (-tone.beta * n / rate).exp() * (theta * n).sin();
                         let got = y * rate * tone.omega_d();
-                        assert!((got - wanted).abs() < 1e-6, "{radius} {rate} {n}: {got} {wanted}");
+                        assert!(
+                            (got - wanted).abs() < 1e-6,
+                            "{radius} {rate} {n}: {got} {wanted}"
+                        );
                     }
                 }
             }
@@ -210,7 +219,9 @@ mod tests {
         for radius in [0.15e-3, 1e-3, 20e-3] {
             let a = Tone::of_radius(radius);
             let b = Tone::of_frequency(radius, a.omega0 / (2.0 * PI));
-            assert!((a.beta / b.beta - 1.0).abs() < 1e-9 && (a.omega0 / b.omega0 - 1.0).abs() < 1e-12);
+            assert!(
+                (a.beta / b.beta - 1.0).abs() < 1e-9 && (a.omega0 / b.omega0 - 1.0).abs() < 1e-12
+            );
         }
     }
 }
