@@ -8,6 +8,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 use anyhow::{Context, Result};
 use clap::{Parser, Subcommand};
+use freshet_host::cloud::{cloud_command, modes_command};
 use freshet_host::{bench, flash, list, render};
 
 /// Water and fire from physics: render scenes, hear them, measure them.
@@ -20,8 +21,12 @@ struct Cli {
 
 #[derive(Debug, Subcommand)]
 enum Command {
-    /// Render a scene or a file of bubble events to a WAV
-    Render(render::Request),
+    /// Render a scene, bubble events or bubble tracks to a WAV
+    Render(Box<render::Request>),
+    /// The pitches of a cloud of bubbles that hear each other
+    Modes(modes_command::Request),
+    /// Make a synthetic cloud, or a stream of bubble tracks
+    Cloud(cloud_command::Request),
     /// List the scenes
     List,
     /// Show parameters: current value, default, range, unit
@@ -75,6 +80,11 @@ fn run(cli: Cli) -> Result<ExitCode> {
                 ExitCode::SUCCESS
             })
         }
+        Command::Modes(request) => say(&modes_command::run(&request)?),
+        Command::Cloud(request) => match cloud_command::run(&request)?.as_str() {
+            "" => Ok(ExitCode::SUCCESS),
+            line => say(line),
+        },
         Command::List => say(&list::list()?),
         Command::Describe { path, scene } => {
             say(&list::describe(path.as_deref(), scene.as_deref())?)
