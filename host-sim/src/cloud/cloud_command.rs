@@ -19,37 +19,82 @@ pub struct Request {
     #[arg(long, value_name = "N", default_value_t = 64)]
     pub count: usize,
     /// Radius of its ball, mm
-    #[arg(long, value_name = "MM", default_value_t = 40.0, allow_hyphen_values = true)]
+    #[arg(
+        long,
+        value_name = "MM",
+        default_value_t = 40.0,
+        allow_hyphen_values = true
+    )]
     pub ball: f64,
     /// Smallest radius, mm
-    #[arg(long, value_name = "MM", default_value_t = 0.5, allow_hyphen_values = true)]
+    #[arg(
+        long,
+        value_name = "MM",
+        default_value_t = 0.5,
+        allow_hyphen_values = true
+    )]
     pub radius_min: f64,
     /// Largest radius, mm
-    #[arg(long, value_name = "MM", default_value_t = 3.0, allow_hyphen_values = true)]
+    #[arg(
+        long,
+        value_name = "MM",
+        default_value_t = 3.0,
+        allow_hyphen_values = true
+    )]
     pub radius_max: f64,
     /// Tracks: how radii are spread
     #[arg(long, value_enum, default_value = "log")]
     pub law: Law,
     /// Tracks: how long births go on
-    #[arg(long, value_name = "S", default_value_t = 4.0, allow_hyphen_values = true)]
+    #[arg(
+        long,
+        value_name = "S",
+        default_value_t = 4.0,
+        allow_hyphen_values = true
+    )]
     pub seconds: f64,
     /// Tracks: births a second
-    #[arg(long, value_name = "HZ", default_value_t = 500.0, allow_hyphen_values = true)]
+    #[arg(
+        long,
+        value_name = "HZ",
+        default_value_t = 500.0,
+        allow_hyphen_values = true
+    )]
     pub rate: f64,
     /// Tracks: width, height and depth of where they are born, mm
     #[arg(long, value_name = "MM", num_args = 3, default_values_t = [80.0, 60.0, 80.0], allow_hyphen_values = true)]
     pub region: Vec<f64>,
     /// Tracks: how fast they rise, m/s
-    #[arg(long, value_name = "M/S", default_value_t = 0.25, allow_hyphen_values = true)]
+    #[arg(
+        long,
+        value_name = "M/S",
+        default_value_t = 0.25,
+        allow_hyphen_values = true
+    )]
     pub rise: f64,
     /// Tracks: mean life, s; nobody lives past the surface
-    #[arg(long, value_name = "S", default_value_t = 0.1, allow_hyphen_values = true)]
+    #[arg(
+        long,
+        value_name = "S",
+        default_value_t = 0.1,
+        allow_hyphen_values = true
+    )]
     pub life: f64,
     /// Tracks: part that splits in two
-    #[arg(long, value_name = "PART", default_value_t = 0.2, allow_hyphen_values = true)]
+    #[arg(
+        long,
+        value_name = "PART",
+        default_value_t = 0.2,
+        allow_hyphen_values = true
+    )]
     pub split: f64,
     /// Tracks: part that merges with another
-    #[arg(long, value_name = "PART", default_value_t = 0.1, allow_hyphen_values = true)]
+    #[arg(
+        long,
+        value_name = "PART",
+        default_value_t = 0.1,
+        allow_hyphen_values = true
+    )]
     pub merge: f64,
     /// The same seed gives the same bubbles
     #[arg(long, default_value_t = 1)]
@@ -80,7 +125,11 @@ pub fn run(request: &Request) -> Result<String> {
         }
     }
     if !(1..=static_cloud::MOST).contains(&request.count) {
-        bail!("--count {}: expected from 1 to {}", request.count, static_cloud::MOST);
+        bail!(
+            "--count {}: expected from 1 to {}",
+            request.count,
+            static_cloud::MOST
+        );
     }
     let path = &request.output;
     let failed = |error: std::io::Error| write_error(path.display(), &error);
@@ -91,11 +140,18 @@ pub fn run(request: &Request) -> Result<String> {
     };
     let mut writer = BufWriter::new(&mut out);
     let [low, high] = [request.radius_min, request.radius_max].map(|mm| mm / 1e3);
-    let is_csv = path.extension().is_some_and(|end| end.eq_ignore_ascii_case("csv"));
+    let is_csv = path
+        .extension()
+        .is_some_and(|end| end.eq_ignore_ascii_case("csv"));
     let line = if is_csv {
         let places = ball(request.count, request.ball / 1e3, low, high, request.seed);
         static_cloud::write(&places, &mut writer).map_err(failed)?;
-        format!("{}  {} bubbles in a ball of {} mm", path.display(), places.len(), request.ball)
+        format!(
+            "{}  {} bubbles in a ball of {} mm",
+            path.display(),
+            places.len(),
+            request.ball
+        )
     } else {
         let stream = Stream {
             seconds: request.seconds,
@@ -111,8 +167,16 @@ pub fn run(request: &Request) -> Result<String> {
             seed: request.seed,
         };
         let count = write_stream(&stream, &mut writer).map_err(failed)?;
-        format!("{}  {count} bubbles in {} s", path.display(), request.seconds)
+        format!(
+            "{}  {count} bubbles in {} s",
+            path.display(),
+            request.seconds
+        )
     };
     writer.flush().map_err(failed)?;
-    Ok(if path == Path::new("-") { String::new() } else { line })
+    Ok(if path == Path::new("-") {
+        String::new()
+    } else {
+        line
+    })
 }

@@ -1,7 +1,7 @@
 //! Many bubbles in time: births, deaths and motion at any moment, coupled while they live, ringing out alone after it.
 //!
 //! Time goes in spans. What changes in a span (who is coupled, where, how large) becomes one new solver at its start; over
-//! the first half of the span the inverse goes linearly from the old one to the new (CB 14), in which whoever is not
+//! the first half of the span the inverse goes smoothly from the old one to the new (CB 14), in which whoever is not
 //! part of a solver is alone: so no birth, death or move jumps, and every step on the way is a stable one. Strikes fall at
 //! their exact times, between samples too.
 
@@ -270,7 +270,10 @@ impl Ensemble {
                 #[inline(always)]
                 || match &mut fade {
                     Some(fade) => {
-                        lanes.step(solver, Some((fade, (n + 1) as f64 / (half + 1) as f64)))
+                        let way = (n + 1) as f64 / (half + 1) as f64;
+                        // Without corners, which would be heard as a faint tick.
+                        let way = way * way * (3.0 - 2.0 * way);
+                        lanes.step(solver, Some((fade, way)))
                     }
                     None => lanes.step(solver, None),
                 },

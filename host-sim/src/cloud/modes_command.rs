@@ -26,7 +26,12 @@ pub struct Request {
     /// A cloud (.csv): x_m,y_m,z_m,radius_m and perhaps depth_m
     pub cloud: PathBuf,
     /// Softness of the coupling between near bubbles
-    #[arg(long, value_name = "E", default_value_t = 2.0, allow_hyphen_values = true)]
+    #[arg(
+        long,
+        value_name = "E",
+        default_value_t = 2.0,
+        allow_hyphen_values = true
+    )]
     pub epsilon: f64,
     /// Form of the coupling
     #[arg(long, value_enum, default_value = "definite")]
@@ -57,7 +62,10 @@ pub fn run(request: &Request) -> Result<String> {
         spectrogram::check_name(path)?;
     }
     let places = static_cloud::read(&request.cloud)?;
-    let tones: Vec<Tone> = places.iter().map(|place| Tone::of_radius(place.radius)).collect();
+    let tones: Vec<Tone> = places
+        .iter()
+        .map(|place| Tone::of_radius(place.radius))
+        .collect();
     let radii: Vec<f64> = places.iter().map(|place| place.radius).collect();
     let refused = |error: anyhow::Error| anyhow!("{}: {error}", request.cloud.display());
     let mass = checked_matrix(&coupling, &places).map_err(refused)?;
@@ -69,7 +77,10 @@ pub fn run(request: &Request) -> Result<String> {
         draw(path, &request.cloud, &places, &found)?;
     }
     if request.json {
-        let alone: Vec<f64> = tones.iter().map(|tone| tone.omega_d() / std::f64::consts::TAU).collect();
+        let alone: Vec<f64> = tones
+            .iter()
+            .map(|tone| tone.omega_d() / std::f64::consts::TAU)
+            .collect();
         let json = json!({
             "bubbles": places.len(),
             "epsilon": request.epsilon,
@@ -118,19 +129,28 @@ fn table(found: &[Mode], reduced: Option<&[f64]>) -> String {
 /// The lowest modes, each as the cloud seen from the front, red where bubbles swell and blue where they shrink.
 fn draw(path: &Path, cloud: &Path, places: &[Place], found: &[Mode]) -> Result<()> {
     std::fs::File::create(path).map_err(|error| write_error(path.display(), &error))?;
-    let failed = |_| anyhow!("cannot write the picture {} (is the disk full?)", path.display());
+    let failed = |_| {
+        anyhow!(
+            "cannot write the picture {} (is the disk full?)",
+            path.display()
+        )
+    };
     let shown = found.len().min(SHOWN);
     let columns = shown.min(4).max(1);
     let rows = shown.div_ceil(columns);
     spectrogram::use_font()?;
-    let root = BitMapBackend::new(path, (350 * columns as u32, 60 + 370 * rows as u32)).into_drawing_area();
+    let root = BitMapBackend::new(path, (350 * columns as u32, 60 + 370 * rows as u32))
+        .into_drawing_area();
     let paper = RGBColor(255, 255, 255);
     let ink = RGBColor(38, 42, 50);
     root.fill(&paper).map_err(failed)?;
     let title = cloud.file_stem().unwrap_or_default().to_string_lossy();
     let style = |size: i32| TextStyle::from((spectrogram::FONT, size).into_font()).color(&ink);
     root.draw_text(
-        &format!("{title}: {} bubbles, lowest modes (red swells as blue shrinks)", places.len()),
+        &format!(
+            "{title}: {} bubbles, lowest modes (red swells as blue shrinks)",
+            places.len()
+        ),
         &style(24),
         (20, 18),
     )
@@ -170,8 +190,10 @@ fn draw(path: &Path, cloud: &Path, places: &[Place], found: &[Mode]) -> Result<(
                 RGBColor(mix(236.0, 20.0), mix(236.0, 70.0), mix(240.0, 200.0))
             };
             let at = (px as i32, py as i32);
-            root.draw(&Circle::new(at, size as i32, colour.filled())).map_err(failed)?;
-            root.draw(&Circle::new(at, size as i32, ink.mix(0.35))).map_err(failed)?;
+            root.draw(&Circle::new(at, size as i32, colour.filled()))
+                .map_err(failed)?;
+            root.draw(&Circle::new(at, size as i32, ink.mix(0.35)))
+                .map_err(failed)?;
         }
     }
     root.present().map_err(failed)

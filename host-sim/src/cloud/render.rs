@@ -113,7 +113,11 @@ pub fn render(request: &Request, stop: &Arc<AtomicBool>) -> Result<Report> {
     let coupling = options.coupling()?;
     let input = Path::new(&request.source);
     let name = {
-        let name = input.file_name().unwrap_or_default().to_string_lossy().into_owned();
+        let name = input
+            .file_name()
+            .unwrap_or_default()
+            .to_string_lossy()
+            .into_owned();
         let name = name.strip_suffix(".xz").unwrap_or(&name);
         name.strip_suffix(".txt").unwrap_or(name).to_owned()
     };
@@ -155,7 +159,10 @@ pub fn render(request: &Request, stop: &Arc<AtomicBool>) -> Result<Report> {
 
     // The level is known only now that all was heard.
     let output = output_kind(request);
-    let given = request.set.iter().any(|set| set.trim_start().starts_with("mix.level"));
+    let given = request
+        .set
+        .iter()
+        .any(|set| set.trim_start().starts_with("mix.level"));
     let gain_db = if output == Output::Raw || given || spool.peak <= 0.0 {
         0.0
     } else {
@@ -238,7 +245,12 @@ fn run(
 }
 
 /// What the summary says besides.
-fn lines(player: &TrackPlayer, options: &CouplingOptions, gain_db: f64, level_given: bool) -> Vec<String> {
+fn lines(
+    player: &TrackPlayer,
+    options: &CouplingOptions,
+    gain_db: f64,
+    level_given: bool,
+) -> Vec<String> {
     let counts = player.ensemble().counts();
     let mut lines = vec![format!(
         "tracks    {} bubbles, {} samples",
@@ -254,7 +266,9 @@ fn lines(player: &TrackPlayer, options: &CouplingOptions, gain_db: f64, level_gi
         )
     });
     if !level_given {
-        lines.push(format!("level     {gain_db:+.1} dB (--set mix.level=… to choose it)"));
+        lines.push(format!(
+            "level     {gain_db:+.1} dB (--set mix.level=… to choose it)"
+        ));
     }
     for sentence in player.tracks().oddities.sentences() {
         lines.push(format!("note      {sentence}"));
@@ -268,7 +282,13 @@ fn lines(player: &TrackPlayer, options: &CouplingOptions, gain_db: f64, level_gi
     lines
 }
 
-fn write(request: &Request, scene: &SceneFile, spool: Spool, gain_db: f64, report: &mut Report) -> Result<()> {
+fn write(
+    request: &Request,
+    scene: &SceneFile,
+    spool: Spool,
+    gain_db: f64,
+    report: &mut Report,
+) -> Result<()> {
     let output = output_kind(request);
     let format = match output {
         Output::Raw => Format::Float32,
@@ -300,7 +320,8 @@ fn write(request: &Request, scene: &SceneFile, spool: Spool, gain_db: f64, repor
         for (frame, raw) in block.iter_mut().zip(&mut raw) {
             // Zeros past the end bring out the limiter's last frames.
             *raw = samples.next_sample()?.unwrap_or(0.0);
-            let value = (*raw * gain * f64::from(PASCAL)).clamp(f64::from(i32::MIN), f64::from(i32::MAX));
+            let value =
+                (*raw * gain * f64::from(PASCAL)).clamp(f64::from(i32::MIN), f64::from(i32::MAX));
             *frame = Frame {
                 left: value as i32,
                 right: value as i32,
@@ -314,7 +335,10 @@ fn write(request: &Request, scene: &SceneFile, spool: Spool, gain_db: f64, repor
                 let value = raw * 10f64.powf(value(param::LEVEL) / 20.0);
                 (value, value)
             } else {
-                (f64::from(frame.left) / scale, f64::from(frame.right) / scale)
+                (
+                    f64::from(frame.left) / scale,
+                    f64::from(frame.right) / scale,
+                )
             };
             report.peak = report.peak.max(left.abs()).max(right.abs());
             energy += left * left + right * right;
@@ -380,7 +404,8 @@ impl Spool {
             .file
             .into_inner()
             .map_err(|error| anyhow!("cannot write the temporary file of the sound: {error}"))?;
-        file.rewind().context("cannot read the temporary file of the sound back")?;
+        file.rewind()
+            .context("cannot read the temporary file of the sound back")?;
         Ok(Back(BufReader::new(file)))
     }
 }

@@ -30,7 +30,10 @@ pub fn read(path: &Path) -> Result<Vec<Place>> {
             } => format!("expected {expected_len} fields, got {len}"),
             _ => {
                 let text = error.to_string();
-                text.split(" (os error").next().unwrap_or_default().to_owned()
+                text.split(" (os error")
+                    .next()
+                    .unwrap_or_default()
+                    .to_owned()
             }
         };
         anyhow!("{name}:{line}: {what}")
@@ -49,7 +52,12 @@ pub fn read(path: &Path) -> Result<Vec<Place>> {
             )
         })
     };
-    let columns = [needed("x_m")?, needed("y_m")?, needed("z_m")?, needed("radius_m")?];
+    let columns = [
+        needed("x_m")?,
+        needed("y_m")?,
+        needed("z_m")?,
+        needed("radius_m")?,
+    ];
     let depth = column("depth_m");
     let mut places = Vec::new();
     for row in reader.records() {
@@ -62,7 +70,11 @@ pub fn read(path: &Path) -> Result<Vec<Place>> {
                 _ => bail!(
                     "{name}:{line}: column `{}`: expected a number {range}, got `{}`",
                     names[column],
-                    field.chars().filter(|c| !c.is_control()).take(40).collect::<String>()
+                    field
+                        .chars()
+                        .filter(|c| !c.is_control())
+                        .take(40)
+                        .collect::<String>()
                 ),
             }
         };
@@ -102,7 +114,11 @@ pub fn read(path: &Path) -> Result<Vec<Place>> {
 pub fn write(places: &[Place], out: &mut impl std::io::Write) -> std::io::Result<()> {
     writeln!(out, "x_m,y_m,z_m,radius_m,depth_m")?;
     for Place { at, radius, depth } in places {
-        writeln!(out, "{:.9},{:.9},{:.9},{radius:.9},{depth:.9}", at[0], at[1], at[2])?;
+        writeln!(
+            out,
+            "{:.9},{:.9},{:.9},{radius:.9},{depth:.9}",
+            at[0], at[1], at[2]
+        )?;
     }
     Ok(())
 }

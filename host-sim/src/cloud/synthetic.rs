@@ -98,7 +98,11 @@ impl Law {
                 const HINGE: f64 = 1e-3;
                 let (fine, coarse): (f64, f64) = (1.5, 10.0 / 3.0);
                 let join = HINGE.powf(coarse - fine);
-                let below = if low < HINGE { piece(low, high.min(HINGE), fine) } else { 0.0 };
+                let below = if low < HINGE {
+                    piece(low, high.min(HINGE), fine)
+                } else {
+                    0.0
+                };
                 let above = if high > HINGE {
                     join * piece(low.max(HINGE), high, coarse)
                 } else {
@@ -161,7 +165,9 @@ pub fn write_stream(stream: &Stream, out: &mut impl std::io::Write) -> std::io::
         if time >= stream.seconds {
             break;
         }
-        let radius = stream.law.draw(stream.radius[0], stream.radius[1], &mut random);
+        let radius = stream
+            .law
+            .draw(stream.radius[0], stream.radius[1], &mut random);
         let [width, height, depth] = stream.region;
         let life = Life {
             id,

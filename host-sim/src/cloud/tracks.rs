@@ -43,7 +43,9 @@ const UNSAID_LIFE: f64 = 1e-3;
 
 /// Whether a name is that of a file of tracks.
 pub fn is_tracks(path: &Path) -> bool {
-    let name = path.file_name().map(|name| name.to_string_lossy().to_lowercase());
+    let name = path
+        .file_name()
+        .map(|name| name.to_string_lossy().to_lowercase());
     name.is_some_and(|name| name.ends_with(".txt") || name.ends_with(".xz"))
 }
 
@@ -101,7 +103,9 @@ impl Oddity {
             Self::NoEnd => "bubbles have no End and end at their last sample",
             Self::EndsBeforeStart => "bubbles end before they start and sound alone",
             Self::EndsAtStart => "bubbles end as they start and sound alone",
-            Self::NoSamples => "bubbles have no samples: pitch from the radius, and they sound alone",
+            Self::NoSamples => {
+                "bubbles have no samples: pitch from the radius, and they sound alone"
+            }
             Self::OneSample => "bubbles have one sample only, which holds for their whole life",
             Self::SampleBeforeStart => "samples come before the Start and are kept",
             Self::SampleAfterEnd => "samples come after the End and are kept",
@@ -154,7 +158,11 @@ impl Oddities {
                 let lines: Vec<String> = lines.iter().map(u64::to_string).collect();
                 let more = if *count > NAMED as u64 { ", …" } else { "" };
                 let plural = if lines.len() > 1 { "lines" } else { "line" };
-                format!("{count} {} ({plural} {}{more})", oddity.text(), lines.join(", "))
+                format!(
+                    "{count} {} ({plural} {}{more})",
+                    oddity.text(),
+                    lines.join(", ")
+                )
             })
             .collect()
     }
@@ -237,6 +245,8 @@ struct Raw {
 struct Reader<'a> {
     path: PathBuf,
     input: Box<dyn BufRead + 'a>,
+    /// Out of an .xz.
+    packed: bool,
     text: Vec<u8>,
     line: u64,
     oddities: Oddities,
@@ -258,7 +268,10 @@ impl Tracks {
     pub fn open(path: &Path, stop: &AtomicBool) -> Result<Self> {
         let file = File::open(path).map_err(|error| cannot_read(path, &error))?;
         if file.metadata().is_ok_and(|meta| meta.is_dir()) {
-            bail!("cannot read {}: it is a folder (give the name of a file in it)", path.display());
+            bail!(
+                "cannot read {}: it is a folder (give the name of a file in it)",
+                path.display()
+            );
         }
         Self::read(path, file, stop)
     }
@@ -269,15 +282,22 @@ impl Tracks {
     /// As [`Self::open`].
     pub fn read(path: &Path, source: impl Read, stop: &AtomicBool) -> Result<Self> {
         let mut source = BufReader::with_capacity(1 << 17, source);
-        let head = source.fill_buf().map_err(|error| cannot_read(path, &error))?;
-        let input: Box<dyn BufRead + '_> = if head.starts_with(&[0xfd, b'7', b'z', b'X', b'Z']) {
-            Box::new(BufReader::with_capacity(1 << 17, lzma_rust2::XzReader::new(source, true)))
+        let head = source
+            .fill_buf()
+            .map_err(|error| cannot_read(path, &error))?;
+        let packed = head.starts_with(&[0xfd, b'7', b'z', b'X', b'Z']);
+        let input: Box<dyn BufRead + '_> = if packed {
+            Box::new(BufReader::with_capacity(
+                1 << 17,
+                lzma_rust2::XzReader::new(source, true),
+            ))
         } else {
             Box::new(source)
         };
         let mut reader = Reader {
             path: path.to_owned(),
             input,
+            packed,
             text: Vec::new(),
             line: 0,
             oddities: Oddities::default(),
@@ -313,13 +333,18 @@ impl Tracks {
             .context("cannot read the temporary file of samples back")?;
         let (records, _) = bytes.as_chunks::<RECORD>();
         let mut samples: Vec<Sample> = records.iter().map(Sample::unpacked).collect();
-        samples.iter_mut().for_each(|sample| sample.time += self.offset);
+        samples
+            .iter_mut()
+            .for_each(|sample| sample.time += self.offset);
         Ok(samples)
     }
 
     /// When the last bubble ends, s.
     pub fn end(&self) -> f64 {
-        self.tracks.iter().map(|track| track.end).fold(0.0, f64::max)
+        self.tracks
+            .iter()
+            .map(|track| track.end)
+            .fold(0.0, f64::max)
     }
 
     /// Line of a bubble in the file.
@@ -363,7 +388,9 @@ pub fn at_time(samples: &[Sample], radius: f64, surface: f64, time: f64) -> (Pla
         };
         return (place, Tone::of_radius(radius));
     };
-    let after = samples.partition_point(|sample| sample.time <= time).min(last);
+    let after = samples
+        .partition_point(|sample| sample.time <= time)
+        .min(last);
     let (a, b) = (&samples[after.saturating_sub(1)], &samples[after]);
     let way = if b.time > a.time {
         ((time - a.time) / (b.time - a.time)).clamp(0.0, 1.0)
@@ -395,16 +422,16 @@ impl Reader<'_> {
                 .by_ref()
                 .take(MAX_LINE + 1)
                 .read_until(b'\n', &mut self.text)
-                .map_err(|error| match error.kind() {
-                    std::io::ErrorKind::InvalidData | std::io::ErrorKind::InvalidInput => anyhow!(
-                        "cannot unpack {}: {error} (is the .xz file whole? `xz -t` tests it)",
-                        self.path.display()
-                    ),
-                    std::io::ErrorKind::UnexpectedEof => anyhow!(
+                .map_err(|error| match (self.packed, error.kind()) {
+                    (false, _) => cannot_read(&self.path, &error),
+                    (true, std::io::ErrorKind::UnexpectedEof) => anyhow!(
                         "cannot unpack {}: it ends in the middle (was it copied whole?)",
                         self.path.display()
                     ),
-                    _ => cannot_read(&self.path, &error),
+                    (true, _) => anyhow!(
+                        "cannot unpack {}: {error} (`xz -t` tests whether it is whole)",
+                        self.path.display()
+                    ),
                 })?;
             if length == 0 {
                 return Ok(false);
@@ -431,7 +458,9 @@ impl Reader<'_> {
         let bytes = std::mem::take(&mut self.text);
         let result = match std::str::from_utf8(&bytes) {
             Ok(text) => self.take_line(text.trim_ascii()),
-            Err(_) => Err(self.error("expected text, got other bytes (is this a file of bubble tracks?)")),
+            Err(_) => {
+                Err(self.error("expected text, got other bytes (is this a file of bubble tracks?)"))
+            }
         };
         self.text = bytes;
         result
@@ -461,7 +490,13 @@ impl Reader<'_> {
     fn begin<'w>(&mut self, mut words: impl Iterator<Item = &'w str>) -> Result<()> {
         self.close()?;
         let id = self.whole("the bubble's number", words.next())?;
-        let radius = self.number("the radius", words.next(), 1e-7, 1.0, "in metres, from 1e-7 to 1")?;
+        let radius = self.number(
+            "the radius",
+            words.next(),
+            1e-7,
+            1.0,
+            "in metres, from 1e-7 to 1",
+        )?;
         self.none_left(words)?;
         if let Some(before) = self.ids.insert(id, self.line) {
             return Err(self.error(format_args!(
@@ -510,8 +545,11 @@ impl Reader<'_> {
                 raw.parents = parents;
                 Ok(())
             }
-            Some(_) => Err(self.error("a second `Start:` for the same bubble (is a `Bub` line missing before it?)")),
-            None => Err(self.error("a `Start:` without a bubble: expected `Bub <number> <radius>` before it")),
+            Some(_) => Err(self.error(
+                "a second `Start:` for the same bubble (is a `Bub` line missing before it?)",
+            )),
+            None => Err(self
+                .error("a `Start:` without a bubble: expected `Bub <number> <radius>` before it")),
         }
     }
 
@@ -537,13 +575,15 @@ impl Reader<'_> {
                 self.close()
             }
             Some(_) => Err(self.error("an `End:` before the bubble's `Start:`")),
-            None => Err(self.error("an `End:` without a bubble: expected `Bub <number> <radius>` before it")),
+            None => Err(self
+                .error("an `End:` without a bubble: expected `Bub <number> <radius>` before it")),
         }
     }
 
     fn sample<'w>(&mut self, first: &str, mut words: impl Iterator<Item = &'w str>) -> Result<()> {
         let Some(raw) = &self.open else {
-            return Err(self.error("a sample outside any bubble: expected `Bub <number> <radius>` before it"));
+            return Err(self
+                .error("a sample outside any bubble: expected `Bub <number> <radius>` before it"));
         };
         if raw.track.start.is_nan() {
             return Err(self.error("a sample before the bubble's `Start:`"));
@@ -569,7 +609,13 @@ impl Reader<'_> {
         let depth = match words.next() {
             None => f64::NAN,
             Some(word) => {
-                let depth = self.number("the depth", Some(word), -1e6, 1e6, "in metres, from -1e6 to 1e6")?;
+                let depth = self.number(
+                    "the depth",
+                    Some(word),
+                    -1e6,
+                    1e6,
+                    "in metres, from -1e6 to 1e6",
+                )?;
                 if depth < 0.0 {
                     self.oddities.note(Oddity::Above, self.line);
                 }
@@ -670,8 +716,10 @@ impl Reader<'_> {
                 Start::Entrained => Cause::Entrained,
                 Start::Split => Cause::Split,
                 Start::Merged => {
-                    let mut radii: Vec<f64> =
-                        links.parents(index).map(|parent| tracks[parent].radius).collect();
+                    let mut radii: Vec<f64> = links
+                        .parents(index)
+                        .map(|parent| tracks[parent].radius)
+                        .collect();
                     radii.sort_by(|a, b| b.total_cmp(a));
                     match radii[..] {
                         [first, second, ..] => Cause::Merged([first, second]),
@@ -693,7 +741,9 @@ impl Reader<'_> {
             children.sort_by(|&a, &b| tracks[b].radius.total_cmp(&tracks[a].radius));
             let heir = children.into_iter().find(|&child| {
                 // Only forward, so that no line of heirs comes back to itself.
-                child > index && tracks[child].before.is_none() && links.largest_parent(child, &tracks) == Some(index)
+                child > index
+                    && tracks[child].before.is_none()
+                    && links.largest_parent(child, &tracks) == Some(index)
             });
             if let Some(heir) = heir {
                 tracks[index].next = Some(heir as u32);
@@ -725,7 +775,10 @@ impl Reader<'_> {
     fn none_left<'w>(&self, mut words: impl Iterator<Item = &'w str>) -> Result<()> {
         match words.next() {
             None => Ok(()),
-            Some(word) => Err(self.error(format_args!("expected the end of the line, got `{}`", shortened(word)))),
+            Some(word) => Err(self.error(format_args!(
+                "expected the end of the line, got `{}`",
+                shortened(word)
+            ))),
         }
     }
 
@@ -740,8 +793,13 @@ impl Reader<'_> {
     }
 
     /// A list of numbers to the end of the line, in `links`.
-    fn numbers<'w>(&mut self, what: &str, words: impl Iterator<Item = &'w str>) -> Result<(u32, u32)> {
-        let place = |n: usize| u32::try_from(n).map_err(|_| self.error("more than 4294967295 links"));
+    fn numbers<'w>(
+        &mut self,
+        what: &str,
+        words: impl Iterator<Item = &'w str>,
+    ) -> Result<(u32, u32)> {
+        let place =
+            |n: usize| u32::try_from(n).map_err(|_| self.error("more than 4294967295 links"));
         let first = place(self.links.len())?;
         let mut found = Vec::new();
         for word in words {
@@ -767,7 +825,14 @@ impl Reader<'_> {
         })
     }
 
-    fn number(&self, what: &str, word: Option<&str>, low: f64, high: f64, range: &str) -> Result<f64> {
+    fn number(
+        &self,
+        what: &str,
+        word: Option<&str>,
+        low: f64,
+        high: f64,
+        range: &str,
+    ) -> Result<f64> {
         let text = word.unwrap_or_default();
         match text.parse::<f64>() {
             Ok(value) if (low..=high).contains(&value) => Ok(value),
@@ -866,7 +931,9 @@ impl Links {
 
     fn ends(edges: &[(u32, u32)], of: usize) -> impl Iterator<Item = usize> {
         let first = edges.partition_point(|edge| (edge.0 as usize) < of);
-        let run = edges[first..].iter().take_while(move |edge| edge.0 as usize == of);
+        let run = edges[first..]
+            .iter()
+            .take_while(move |edge| edge.0 as usize == of);
         run.map(|edge| edge.1 as usize)
     }
 
@@ -896,7 +963,9 @@ fn cyclic(nodes: usize, edges: &[(u32, u32)]) -> Vec<bool> {
                 entering[b as usize] += 1;
             }
         }
-        let mut free: Vec<usize> = (0..nodes).filter(|&n| left[n] && entering[n] == 0).collect();
+        let mut free: Vec<usize> = (0..nodes)
+            .filter(|&n| left[n] && entering[n] == 0)
+            .collect();
         while let Some(node) = free.pop() {
             left[node] = false;
             for next in Links::ends(&ways, node) {
