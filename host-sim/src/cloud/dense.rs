@@ -1,11 +1,10 @@
 //! The coupled step by a dense Cholesky factor, which follows a changing cloud by rank-one updates (CB §4.4–4.5).
 
-use pulp::Arch;
+use super::wide::{Wide, wide};
 
 /// `L·Lᵀ`, L lower and kept column after column.
 #[derive(Clone)]
 pub struct Cholesky {
-    arch: Arch,
     n: usize,
     /// Column j is `columns[j]`, its first entry on the diagonal.
     columns: Vec<Vec<f64>>,
@@ -15,7 +14,6 @@ impl Cholesky {
     /// Of no rows yet.
     pub fn empty() -> Self {
         Self {
-            arch: Arch::new(),
             n: 0,
             columns: Vec::new(),
         }
@@ -28,25 +26,8 @@ impl Cholesky {
         let mut columns: Vec<Vec<f64>> = (0..n)
             .map(|j| (j..n).map(|i| entry(i, j)).collect())
             .collect();
-        let arch = Arch::new();
-        arch.dispatch(|| {
-            for j in 0..n {
-                let (done, rest) = columns.split_at_mut(j);
-                let column = &mut rest[0];
-                for (i, before) in done.iter().enumerate() {
-                    let tail = &before[j - i..];
-                    subtract(column, tail, tail[0]);
-                }
-                let pivot = column[0];
-                if !(pivot > 1e-13) {
-                    return None;
-                }
-                let scale = pivot.sqrt().recip();
-                column.iter_mut().for_each(|x| *x *= scale);
-            }
-            Some(())
-        })?;
-        Some(Self { arch, n, columns })
+        wide(Factor(&mut columns))?;
+        Some(Self { n, columns })
     }
 
     /// Rows.
@@ -64,8 +45,7 @@ impl Cholesky {
     /// None where the matrix would not be positive definite; it is then as before.
     pub fn append(&mut self, row: &[f64]) -> Option<()> {
         let mut x = row[..self.n].to_vec();
-        let arch = self.arch;
-        arch.dispatch(|| self.forward(&mut x));
+        wide(Forward(self, &mut x));
         let pivot = row[self.n] - x.iter().map(|x| x * x).sum::<f64>();
         if !(pivot > 1e-13) {
             return None;
@@ -86,8 +66,7 @@ impl Cholesky {
             column.remove(at - j);
         }
         self.n -= 1;
-        let arch = self.arch;
-        arch.dispatch(|| self.update(&mut x, at));
+        wide(Update(self, &mut x, at));
     }
 
     /// Puts another row and column in the place of one: `row` has the entries for every row, its own included.
@@ -98,18 +77,14 @@ impl Cholesky {
         // one that may fail on the way: the row leaves (an update) and comes back at the same place.
         let n = self.n;
         self.remove(at);
-        let arch = self.arch;
         let mut x: Vec<f64> = (0..n).filter(|&i| i != at).map(|i| row[i]).collect();
         // Above the row nothing changes but its own entries; below, an update with a minus.
-        arch.dispatch(|| {
-            for j in 0..at {
-                let column = &self.columns[j];
-                let head = x[j] / column[0];
-                x[j] = head;
-                let (_, rest) = x.split_at_mut(j + 1);
-                subtract(rest, &column[1..], head);
-            }
-        });
+        for j in 0..at {
+            let column = &self.columns[j];
+            let head = x[j] / column[0];
+            x[j] = head;
+            subtract(&mut x[j + 1..], &column[1..], head);
+        }
         let pivot = row[at] - x[..at].iter().map(|x| x * x).sum::<f64>();
         if !(pivot > 1e-13) {
             return None;
@@ -118,8 +93,7 @@ impl Cholesky {
         let mut below: Vec<f64> = x[at..].iter().map(|x| x / diagonal).collect();
         let mut column = vec![diagonal];
         column.extend_from_slice(&below);
-        let held = arch.dispatch(|| self.downdate(&mut below, at));
-        held?;
+        self.downdate(&mut below, at)?;
         for (j, left) in self.columns[..at].iter_mut().enumerate() {
             left.insert(at - j, x[j]);
         }
@@ -130,13 +104,7 @@ impl Cholesky {
 
     /// `x ← (LLᵀ)⁻¹·x`.
     pub fn solve(&self, x: &mut [f64]) {
-        self.arch.dispatch(|| {
-            self.forward(x);
-            for (j, column) in self.columns.iter().enumerate().rev() {
-                let tail = dot(&column[1..], &x[j + 1..self.n]);
-                x[j] = (x[j] - tail) / column[0];
-            }
-        });
+        wide(Both(self, x));
     }
 
     #[inline(always)]
@@ -183,6 +151,72 @@ impl Cholesky {
             }
         }
         Some(())
+    }
+}
+
+struct Factor<'a>(&'a mut [Vec<f64>]);
+
+impl Wide for Factor<'_> {
+    type Output = Option<()>;
+
+    #[inline(always)]
+    fn run(self) -> Option<()> {
+        for j in 0..self.0.len() {
+            let (done, rest) = self.0.split_at_mut(j);
+            let column = &mut rest[0];
+            for (i, before) in done.iter().enumerate() {
+                let tail = &before[j - i..];
+                subtract(column, tail, tail[0]);
+            }
+            let pivot = column[0];
+            if !(pivot > 1e-13) {
+                return None;
+            }
+            let scale = pivot.sqrt().recip();
+            for x in column.iter_mut() {
+                *x *= scale;
+            }
+        }
+        Some(())
+    }
+}
+
+struct Forward<'a>(&'a Cholesky, &'a mut [f64]);
+
+impl Wide for Forward<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run(self) {
+        self.0.forward(self.1);
+    }
+}
+
+/// Forward and back.
+struct Both<'a>(&'a Cholesky, &'a mut [f64]);
+
+impl Wide for Both<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run(self) {
+        let Self(of, x) = self;
+        of.forward(x);
+        for (j, column) in of.columns.iter().enumerate().rev() {
+            let tail = dot(&column[1..], &x[j + 1..of.n]);
+            x[j] = (x[j] - tail) / column[0];
+        }
+    }
+}
+
+struct Update<'a>(&'a mut Cholesky, &'a mut [f64], usize);
+
+impl Wide for Update<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run(self) {
+        self.0.update(self.1, self.2);
     }
 }
 

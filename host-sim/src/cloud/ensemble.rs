@@ -10,7 +10,6 @@ use std::f64::consts::PI;
 
 use anyhow::{Result, bail};
 use freshet::bubble::RHO;
-use pulp::Arch;
 
 use super::coupling::{Kernel, Place};
 use super::forcing::{Pulse, force};
@@ -18,6 +17,7 @@ use super::modes;
 use super::reduced::SIZE;
 use super::solver::{Indefinite, Member, Method, Solver};
 use super::step::{Sharpen, Step, Tone};
+use super::wide::{Wide, wide};
 
 /// A bubble whose pressure stays below this at 1 m is over, Pa: 120 dB below full scale.
 const SILENT: f64 = 1e-6;
@@ -117,7 +117,6 @@ struct Active {
 
 /// Bubbles that hear each other, at a sample rate.
 pub struct Ensemble {
-    arch: Arch,
     method: Method,
     /// Nobody hears anybody.
     alone: bool,
@@ -168,7 +167,6 @@ impl Ensemble {
     /// Nobody yet. `alone`: nobody hears anybody.
     pub fn new(method: Method, alone: bool) -> Self {
         Self {
-            arch: Arch::new(),
             method,
             alone,
             // 1 ms.
@@ -258,7 +256,6 @@ impl Ensemble {
         for active in &mut self.pulses {
             active.lane = self.bubbles[active.bubble].lane;
         }
-        let arch = self.arch;
         let half = self.span / 2;
         for n in 0..self.span {
             if n == half {
@@ -266,18 +263,16 @@ impl Ensemble {
             }
             self.strike();
             let Self { lanes, solver, .. } = self;
-            let sum = arch.dispatch(
-                #[inline(always)]
-                || match &mut fade {
-                    Some(fade) => {
-                        let way = (n + 1) as f64 / (half + 1) as f64;
-                        // Without corners, which would be heard as a faint tick.
-                        let way = way * way * (3.0 - 2.0 * way);
-                        lanes.step(solver, Some((fade, way)))
-                    }
-                    None => lanes.step(solver, None),
-                },
-            );
+            let fade = fade.as_mut().map(|fade| {
+                let way = (n + 1) as f64 / (half + 1) as f64;
+                // Without corners, which would be heard as a faint tick.
+                (fade, way * way * (3.0 - 2.0 * way))
+            });
+            let sum = wide(OneSample {
+                lanes,
+                solver,
+                fade,
+            });
             out.push(self.sharpen.next(sum));
             self.frame += 1;
         }
@@ -532,6 +527,21 @@ impl Ensemble {
             lanes.own[lane] = 1.0 / (1.0 + bubble.step.extra);
             lanes.gain[lane] = bubble.place.radius.sqrt() * pressure;
         }
+    }
+}
+
+struct OneSample<'a> {
+    lanes: &'a mut Lanes,
+    solver: &'a mut Solver,
+    fade: Option<(&'a mut Fade, f64)>,
+}
+
+impl Wide for OneSample<'_> {
+    type Output = f64;
+
+    #[inline(always)]
+    fn run(self) -> f64 {
+        self.lanes.step(self.solver, self.fade)
     }
 }
 

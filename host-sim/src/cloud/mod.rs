@@ -19,3 +19,4 @@ pub mod static_cloud;
 pub mod step;
 pub mod synthetic;
 pub mod tracks;
+pub mod wide;

@@ -11,9 +11,9 @@
 
 use faer::linalg::solvers::DenseSolveCore;
 use faer::{Mat, Side};
-use pulp::Arch;
 
 use super::coupling::{Coupling, Kernel, Place};
+use super::wide::{Wide, wide};
 
 /// Most bubbles in a cluster, and the width of a block.
 pub const SIZE: usize = 16;
@@ -47,7 +47,6 @@ struct Members {
 /// An approximate inverse of `M̃ + E`.
 #[derive(Clone)]
 pub struct Reduced {
-    arch: Arch,
     /// Which bubble stands at each place, [`SIZE`] places a cluster; `usize::MAX` where none does.
     order: Vec<usize>,
     /// B⁻¹ of each cluster, symmetric.
@@ -86,10 +85,14 @@ impl Reduced {
         extra: &[f64],
         homes: &[usize],
     ) -> Option<Self> {
-        let arch = Arch::new();
         let groups = rehomed(coupling, places, homes).unwrap_or_else(|| clusters(coupling, places));
-        let factors = arch.dispatch(|| Factors::new(coupling, places, extra, &groups))?;
-        arch.dispatch(|| Self::invert(arch, factors))
+        let factors = wide(Build {
+            coupling,
+            places,
+            extra,
+            groups: &groups,
+        })?;
+        wide(Invert { factors })
     }
 
     /// The matrix this would be the inverse of, without E, in the order of `places`.
@@ -105,7 +108,7 @@ impl Reduced {
     }
 
     #[inline(always)]
-    fn invert(arch: Arch, factors: Factors) -> Option<Self> {
+    fn invert(factors: Factors) -> Option<Self> {
         let clusters = factors.members.len();
         let mut inverse = Vec::with_capacity(clusters);
         let mut reach = Vec::with_capacity(clusters);
@@ -182,7 +185,6 @@ impl Reduced {
             }
         }
         Some(Self {
-            arch,
             order: factors.order,
             inverse,
             reach,
@@ -196,50 +198,89 @@ impl Reduced {
 
     /// `out = (M̃ + E)⁻¹·x`, both in the order of [`Self::order`]; `x` is 0 where no bubble stands.
     pub fn solve(&mut self, x: &[f64], out: &mut [f64]) {
-        self.arch.dispatch(
-            #[inline(always)]
-            || {
-                let Self {
-                    inverse,
-                    reach,
-                    core,
-                    rows,
-                    padded,
-                    sums,
-                    answer,
-                    ..
-                } = self;
-                let (x, _) = x.as_chunks::<SIZE>();
-                let (out, _) = out.as_chunks_mut::<SIZE>();
-                for (p, ((x, out), block)) in x.iter().zip(&mut *out).zip(&*inverse).enumerate() {
-                    *out = apply(block, x);
-                    for m in 0..MOMENTS {
-                        sums[p * MOMENTS + m] = dot(&reach[p][m], x);
-                    }
+        wide(Solve { of: self, x, out });
+    }
+}
+
+struct Build<'a> {
+    coupling: &'a Coupling,
+    places: &'a [Place],
+    extra: &'a [f64],
+    groups: &'a [Vec<usize>],
+}
+
+impl Wide for Build<'_> {
+    type Output = Option<Factors>;
+
+    #[inline(always)]
+    fn run(self) -> Option<Factors> {
+        Factors::new(self.coupling, self.places, self.extra, self.groups)
+    }
+}
+
+struct Invert {
+    factors: Factors,
+}
+
+impl Wide for Invert {
+    type Output = Option<Reduced>;
+
+    #[inline(always)]
+    fn run(self) -> Option<Reduced> {
+        Reduced::invert(self.factors)
+    }
+}
+
+struct Solve<'a> {
+    of: &'a mut Reduced,
+    x: &'a [f64],
+    out: &'a mut [f64],
+}
+
+impl Wide for Solve<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run(self) {
+        let Reduced {
+            inverse,
+            reach,
+            core,
+            rows,
+            padded,
+            sums,
+            answer,
+            ..
+        } = self.of;
+        let (x, _) = self.x.as_chunks::<SIZE>();
+        let (out, _) = self.out.as_chunks_mut::<SIZE>();
+        for (p, ((x, out), block)) in x.iter().zip(&mut *out).zip(&*inverse).enumerate() {
+            *out = apply(block, x);
+            for m in 0..MOMENTS {
+                sums[p * MOMENTS + m] = dot(&reach[p][m], x);
+            }
+        }
+        if reach.len() == 1 {
+            return;
+        }
+        for tile in 0..*padded / TILE {
+            let columns = &core[tile * *rows..(tile + 1) * *rows];
+            let mut sum = [0.0; TILE];
+            for (column, z) in columns.iter().zip(&*sums) {
+                for i in 0..TILE {
+                    sum[i] += column[i] * z;
                 }
-                if reach.len() == 1 {
-                    return;
+            }
+            answer[tile * TILE..(tile + 1) * TILE].copy_from_slice(&sum);
+        }
+        for (p, out) in out.iter_mut().enumerate() {
+            for m in 0..MOMENTS {
+                let w = answer[p * MOMENTS + m];
+                for i in 0..SIZE {
+                    out[i] -= reach[p][m][i] * w;
                 }
-                for tile in 0..*padded / TILE {
-                    let columns = &core[tile * *rows..(tile + 1) * *rows];
-                    let mut sum = [0.0; TILE];
-                    for (column, z) in columns.iter().zip(&*sums) {
-                        for i in 0..TILE {
-                            sum[i] += column[i] * z;
-                        }
-                    }
-                    answer[tile * TILE..(tile + 1) * TILE].copy_from_slice(&sum);
-                }
-                for (p, out) in out.iter_mut().enumerate() {
-                    for m in 0..MOMENTS {
-                        let w = answer[p * MOMENTS + m];
-                        for i in 0..SIZE {
-                            out[i] -= reach[p][m][i] * w;
-                        }
-                    }
-                }
-            },
-        );
+            }
+        }
     }
 }
 
