@@ -64,7 +64,9 @@ impl Pulse {
     /// Mean pressure around a sample at `t` seconds after the pulse began, weighted by a triangle two samples of `h`
     /// seconds wide: impulse and timing come out exact wherever the pulse falls.
     pub fn around(&self, t: f64, h: f64) -> f64 {
-        let [before, now, after] = [t - h, t, t + h].map(|t| self.twice_integrated(t));
+        let before = self.twice_integrated(t - h);
+        let now = self.twice_integrated(t);
+        let after = self.twice_integrated(t + h);
         (before - 2.0 * now + after) / (h * h)
     }
 
