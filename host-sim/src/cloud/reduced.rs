@@ -103,7 +103,7 @@ impl<const R: usize> Clustered<R> {
     /// The matrix this would be the inverse of, without E, in the order of `places`.
     pub fn matrix(coupling: &Coupling, places: &[Place]) -> Option<Mat<f64>> {
         let groups = clusters(coupling, places);
-        let factors = Factors::new(coupling, places, &vec![0.0; places.len()], &groups)?;
+        let factors = Factors::<R>::new(coupling, places, &vec![0.0; places.len()], &groups)?;
         Some(factors.assembled(places.len()))
     }
 
