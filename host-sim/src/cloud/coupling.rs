@@ -25,13 +25,18 @@ pub struct Coupling {
     pub dipole: bool,
 }
 
+impl Coupling {
+    /// CB's ε with the definite kernel, monopoles only.
+    pub const DEFAULT: Self = Self {
+        kernel: Kernel::Definite,
+        epsilon: 2.0,
+        dipole: false,
+    };
+}
+
 impl Default for Coupling {
     fn default() -> Self {
-        Self {
-            kernel: Kernel::Definite,
-            epsilon: 2.0,
-            dipole: false,
-        }
+        Self::DEFAULT
     }
 }
 

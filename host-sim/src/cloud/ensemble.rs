@@ -21,6 +21,8 @@ use super::wide::{Wide, wide};
 
 /// A bubble whose pressure stays below this at 1 m is over, Pa: 120 dB below full scale.
 const SILENT: f64 = 1e-6;
+/// A displacement in m^2.5 that is taken for none: some 300 dB below one that is heard.
+const NOTHING: f64 = 1e-30;
 /// Highest pitch that is sounded, over the sample rate; as in the core.
 pub const PITCH_LIMIT: f64 = 0.45;
 
@@ -130,6 +132,8 @@ pub struct Ensemble {
     sharpen: Sharpen,
     counts: Counts,
     lanes: Lanes,
+    /// Nothing moves.
+    silent: bool,
 }
 
 /// State side by side: first by the solver's places, then whoever is alone; a whole number of rows.
@@ -180,6 +184,7 @@ impl Ensemble {
             sharpen: Sharpen::new(),
             counts: Counts::default(),
             lanes: Lanes::default(),
+            silent: true,
         }
     }
 
@@ -242,6 +247,7 @@ impl Ensemble {
         if let Some(&at) = self.by_key.get(&key) {
             let bubble = &mut self.bubbles[at];
             bubble.y = y;
+            self.silent = false;
             if let Some(lane) = self.lanes.y.get_mut(bubble.lane) {
                 *lane = y;
             }
@@ -261,6 +267,13 @@ impl Ensemble {
         let mut fade = if changed { self.rearrange()? } else { None };
         for active in &mut self.pulses {
             active.lane = self.bubbles[active.bubble].lane;
+        }
+        if self.silent && self.pulses.is_empty() {
+            for _ in 0..span {
+                out.push(self.sharpen.next(0.0));
+            }
+            self.frame += span as u64;
+            return Ok(());
         }
         let half = self.span / 2;
         for n in 0..span {
@@ -282,9 +295,17 @@ impl Ensemble {
             out.push(self.sharpen.next(sum));
             self.frame += 1;
         }
+        self.silent = true;
         for (lane, &bubble) in self.lanes.bubble.iter().enumerate() {
+            let (y, v) = (&mut self.lanes.y[lane], &mut self.lanes.v[lane]);
+            // Far below anything heard, and before numbers become slow.
+            if y.abs() + v.abs() < NOTHING {
+                (*y, *v) = (0.0, 0.0);
+            } else {
+                self.silent = false;
+            }
             if let Some(bubble) = self.bubbles.get_mut(bubble) {
-                (bubble.y, bubble.v) = (self.lanes.y[lane], self.lanes.v[lane]);
+                (bubble.y, bubble.v) = (*y, *v);
             }
         }
         let h = 1.0 / self.method.rate;

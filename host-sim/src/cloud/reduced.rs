@@ -22,7 +22,7 @@ pub const MOMENTS: usize = 4;
 /// What is left of M̃'s least eigenvalue for certain.
 pub const HELD: f64 = 0.5;
 /// Rows of the core that are worked on together.
-const TILE: usize = 16;
+const TILE: usize = 64;
 /// Clouds up to this many have their clusters mended by swaps, whose cost grows as N².
 const REFINE: usize = 1024;
 /// Rounds of swaps.
@@ -536,11 +536,18 @@ fn dot(a: &Row, b: &Row) -> f64 {
 /// A symmetric block times a vector.
 #[inline(always)]
 fn apply(block: &Square, x: &Row) -> Row {
-    let mut sum = [0.0; SIZE];
-    for j in 0..SIZE {
-        for i in 0..SIZE {
-            sum[i] += block[j][i] * x[j];
+    // Four sums that do not wait for each other.
+    let mut sums = [[0.0; SIZE]; 4];
+    for (columns, x) in block.as_chunks::<4>().0.iter().zip(x.as_chunks::<4>().0) {
+        for (k, sum) in sums.iter_mut().enumerate() {
+            for i in 0..SIZE {
+                sum[i] += columns[k][i] * x[k];
+            }
         }
+    }
+    let mut sum = [0.0; SIZE];
+    for i in 0..SIZE {
+        sum[i] = (sums[0][i] + sums[1][i]) + (sums[2][i] + sums[3][i]);
     }
     sum
 }
