@@ -53,13 +53,14 @@ pub struct Clustered<const R: usize> {
     inverse: Vec<Square>,
     /// V of each cluster.
     reach: Vec<Moments<R>>,
-    /// W in tiles of rows: for each tile, column after column.
-    core: Vec<[f64; TILE]>,
+    /// W in tiles of rows: for each tile, column after column. In f32: it is the far part of the coupling alone, and its
+    /// rounding stays some 120 dB below that.
+    core: Vec<[f32; TILE]>,
     /// Columns of W in use, and the same rounded up to whole tiles.
     rows: usize,
     padded: usize,
-    sums: Vec<f64>,
-    answer: Vec<f64>,
+    sums: Vec<f32>,
+    answer: Vec<f32>,
 }
 
 /// With all moments.
@@ -157,7 +158,7 @@ impl<const R: usize> Clustered<R> {
         }
         let rows = clusters * R;
         let padded = rows.next_multiple_of(TILE);
-        let mut core = vec![[0.0; TILE]; padded / TILE * rows];
+        let mut core = vec![[0.0f32; TILE]; padded / TILE * rows];
         if clusters > 1 {
             let mut inner = Mat::<f64>::identity(rows, rows);
             for q in 0..clusters {
@@ -184,7 +185,7 @@ impl<const R: usize> Clustered<R> {
                     for i in 0..TILE.min(rows - tile * TILE) {
                         let row = tile * TILE + i;
                         let one = if row == j { 1.0 } else { 0.0 };
-                        core[tile * rows + j][i] = one - inverted[(row, j)];
+                        core[tile * rows + j][i] = (one - inverted[(row, j)]) as f32;
                     }
                 }
             }
@@ -262,7 +263,7 @@ impl<const R: usize> Wide for Solve<'_, R> {
         for (p, ((x, out), block)) in x.iter().zip(&mut *out).zip(&*inverse).enumerate() {
             *out = apply(block, x);
             for m in 0..R {
-                sums[p * R + m] = dot(&reach[p][m], x);
+                sums[p * R + m] = dot(&reach[p][m], x) as f32;
             }
         }
         if reach.len() == 1 {
@@ -270,7 +271,7 @@ impl<const R: usize> Wide for Solve<'_, R> {
         }
         for tile in 0..*padded / TILE {
             let columns = &core[tile * *rows..(tile + 1) * *rows];
-            let mut sum = [0.0; TILE];
+            let mut sum = [0.0f32; TILE];
             for (column, z) in columns.iter().zip(&*sums) {
                 for i in 0..TILE {
                     sum[i] += column[i] * z;
@@ -280,7 +281,7 @@ impl<const R: usize> Wide for Solve<'_, R> {
         }
         for (p, out) in out.iter_mut().enumerate() {
             for m in 0..R {
-                let w = answer[p * R + m];
+                let w = f64::from(answer[p * R + m]);
                 for i in 0..SIZE {
                     out[i] -= reach[p][m][i] * w;
                 }
