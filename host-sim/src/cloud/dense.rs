@@ -1,6 +1,6 @@
 //! The coupled step by a dense Cholesky factor, which follows a changing cloud by rank-one updates (CB §4.4–4.5).
 
-use super::wide::{Wide, wide};
+use super::wide::{Simd, Wide, wide};
 
 /// `L·Lᵀ`, L lower and kept column after column.
 #[derive(Clone)]
@@ -160,7 +160,7 @@ impl Wide for Factor<'_> {
     type Output = Option<()>;
 
     #[inline(always)]
-    fn run(self) -> Option<()> {
+    fn run<S: Simd>(self, _simd: S) -> Option<()> {
         for j in 0..self.0.len() {
             let (done, rest) = self.0.split_at_mut(j);
             let column = &mut rest[0];
@@ -187,7 +187,7 @@ impl Wide for Forward<'_> {
     type Output = ();
 
     #[inline(always)]
-    fn run(self) {
+    fn run<S: Simd>(self, _simd: S) {
         self.0.forward(self.1);
     }
 }
@@ -199,7 +199,7 @@ impl Wide for Both<'_> {
     type Output = ();
 
     #[inline(always)]
-    fn run(self) {
+    fn run<S: Simd>(self, _simd: S) {
         let Self(of, x) = self;
         of.forward(x);
         for (j, column) in of.columns.iter().enumerate().rev() {
@@ -215,7 +215,7 @@ impl Wide for Update<'_> {
     type Output = ();
 
     #[inline(always)]
-    fn run(self) {
+    fn run<S: Simd>(self, _simd: S) {
         self.0.update(self.1, self.2);
     }
 }

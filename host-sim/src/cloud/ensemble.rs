@@ -17,7 +17,7 @@ use super::modes;
 use super::reduced::SIZE;
 use super::solver::{Indefinite, Member, Method, Solver};
 use super::step::{Sharpen, Step, Tone};
-use super::wide::{Wide, wide};
+use super::wide::{Simd, Wide, wide};
 
 /// A bubble whose pressure stays below this at 1 m is over, Pa: 120 dB below full scale.
 const SILENT: f64 = 1e-6;
@@ -567,7 +567,7 @@ impl Wide for OneSample<'_> {
     type Output = f64;
 
     #[inline(always)]
-    fn run(self) -> f64 {
+    fn run<S: Simd>(self, _simd: S) -> f64 {
         self.lanes.step(self.solver, self.fade)
     }
 }

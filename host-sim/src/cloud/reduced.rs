@@ -13,7 +13,7 @@ use faer::linalg::solvers::DenseSolveCore;
 use faer::{Mat, Side};
 
 use super::coupling::{Coupling, Kernel, Place};
-use super::wide::{Wide, wide};
+use super::wide::{Simd, Wide, block_times, dot16, tile_times, wide};
 
 /// Most bubbles in a cluster, and the width of a block.
 pub const SIZE: usize = 16;
@@ -56,9 +56,8 @@ pub struct Clustered<const R: usize> {
     /// W in tiles of rows: for each tile, column after column. In f32: it is the far part of the coupling alone, and its
     /// rounding stays some 120 dB below that.
     core: Vec<[f32; TILE]>,
-    /// Columns of W in use, and the same rounded up to whole tiles.
+    /// Columns of W.
     rows: usize,
-    padded: usize,
     sums: Vec<f32>,
     answer: Vec<f32>,
 }
@@ -104,7 +103,13 @@ impl<const R: usize> Clustered<R> {
     /// The matrix this would be the inverse of, without E, in the order of `places`.
     pub fn matrix(coupling: &Coupling, places: &[Place]) -> Option<Mat<f64>> {
         let groups = clusters(coupling, places);
-        let factors = Factors::<R>::new(coupling, places, &vec![0.0; places.len()], &groups)?;
+        let extra = vec![0.0; places.len()];
+        let factors = wide(Build::<R> {
+            coupling,
+            places,
+            extra: &extra,
+            groups: &groups,
+        })?;
         Some(factors.assembled(places.len()))
     }
 
@@ -196,7 +201,6 @@ impl<const R: usize> Clustered<R> {
             reach,
             core,
             rows,
-            padded,
             sums: vec![0.0; padded],
             answer: vec![0.0; padded],
         })
@@ -219,8 +223,8 @@ impl<const R: usize> Wide for Build<'_, R> {
     type Output = Option<Factors<R>>;
 
     #[inline(always)]
-    fn run(self) -> Option<Factors<R>> {
-        Factors::new(self.coupling, self.places, self.extra, self.groups)
+    fn run<S: Simd>(self, simd: S) -> Option<Factors<R>> {
+        Factors::new(simd, self.coupling, self.places, self.extra, self.groups)
     }
 }
 
@@ -232,7 +236,7 @@ impl<const R: usize> Wide for Invert<R> {
     type Output = Option<Clustered<R>>;
 
     #[inline(always)]
-    fn run(self) -> Option<Clustered<R>> {
+    fn run<S: Simd>(self, _simd: S) -> Option<Clustered<R>> {
         Clustered::invert(self.factors)
     }
 }
@@ -247,13 +251,12 @@ impl<const R: usize> Wide for Solve<'_, R> {
     type Output = ();
 
     #[inline(always)]
-    fn run(self) {
+    fn run<S: Simd>(self, simd: S) {
         let Clustered {
             inverse,
             reach,
             core,
             rows,
-            padded,
             sums,
             answer,
             ..
@@ -261,23 +264,17 @@ impl<const R: usize> Wide for Solve<'_, R> {
         let (x, _) = self.x.as_chunks::<SIZE>();
         let (out, _) = self.out.as_chunks_mut::<SIZE>();
         for (p, ((x, out), block)) in x.iter().zip(&mut *out).zip(&*inverse).enumerate() {
-            *out = apply(block, x);
+            *out = block_times(simd, block, x);
             for m in 0..R {
-                sums[p * R + m] = dot(&reach[p][m], x) as f32;
+                sums[p * R + m] = dot16(simd, &reach[p][m], x) as f32;
             }
         }
         if reach.len() == 1 {
             return;
         }
-        for tile in 0..*padded / TILE {
+        for (tile, answer) in answer.as_chunks_mut::<TILE>().0.iter_mut().enumerate() {
             let columns = &core[tile * *rows..(tile + 1) * *rows];
-            let mut sum = [0.0f32; TILE];
-            for (column, z) in columns.iter().zip(&*sums) {
-                for i in 0..TILE {
-                    sum[i] += column[i] * z;
-                }
-            }
-            answer[tile * TILE..(tile + 1) * TILE].copy_from_slice(&sum);
+            tile_times(simd, columns, sums, answer);
         }
         for (p, out) in out.iter_mut().enumerate() {
             for m in 0..R {
@@ -292,7 +289,8 @@ impl<const R: usize> Wide for Solve<'_, R> {
 
 impl<const R: usize> Factors<R> {
     #[inline(always)]
-    fn new(
+    fn new<S: Simd>(
+        simd: S,
         coupling: &Coupling,
         places: &[Place],
         extra: &[f64],
@@ -324,21 +322,18 @@ impl<const R: usize> Factors<R> {
         }
         let rows = groups.len() * R;
         let mut between = Mat::zeros(rows, rows);
+        let far = Far::new(coupling, places);
+        let sources: Vec<Source<R>> = all
+            .iter()
+            .zip(&answer)
+            .map(|(members, answer)| far.source(members, answer))
+            .collect();
         for q in 0..groups.len() {
             for p in q + 1..groups.len() {
-                let mut felt = [[0.0; SIZE]; R];
-                for j in 0..groups[q].len() {
-                    let pressure = far_column(coupling, &all[p], &all[q], j);
-                    for m in 0..R {
-                        let y = answer[q][m][j];
-                        for i in 0..SIZE {
-                            felt[m][i] += f64::from(pressure[i]) * y;
-                        }
-                    }
-                }
+                let felt = far.felt(simd, &sources[p], &sources[q], groups[q].len());
                 for m in 0..R {
                     for n in 0..R {
-                        let g = dot(&answer[p][m], &felt[n]);
+                        let g = dot16(simd, &answer[p][m], &felt[n]);
                         between[(p * R + m, q * R + n)] = g;
                         between[(q * R + n, p * R + m)] = g;
                     }
@@ -445,35 +440,117 @@ fn column(coupling: &Coupling, to: &Members, from: &Members, j: usize) -> Row {
     row
 }
 
-/// The same in f32, which is plenty between clusters and twice as fast.
-#[inline(always)]
-fn far_column(coupling: &Coupling, to: &Members, from: &Members, j: usize) -> [f32; SIZE] {
-    let at = [from.at[0][j], from.at[1][j], from.at[2][j]];
-    let (radius, depth) = (from.radius[j], from.depth[j].max(0.0));
-    let softness = coupling.epsilon * coupling.epsilon;
-    let mut near = [0.0f32; SIZE];
-    let mut product = [0.0f32; SIZE];
-    let mut row = [0.0f32; SIZE];
-    let by_product = coupling.kernel == Kernel::Cb;
-    for i in 0..SIZE {
-        let x = (to.at[0][i] - at[0]) as f32;
-        let y = (to.at[1][i] - at[1]) as f32;
-        let z = (to.at[2][i] - at[2]) as f32;
-        product[i] = (to.radius[i] * radius) as f32;
-        let mean = (0.5 * (to.radius[i] * to.radius[i] + radius * radius)) as f32;
-        let soft = if by_product { product[i] } else { mean };
-        near[i] = x * x + y * y + z * z + softness as f32 * soft + f32::MIN_POSITIVE;
-    }
-    for i in 0..SIZE {
-        row[i] = (product[i] / near[i]).sqrt();
-    }
-    if coupling.dipole {
-        for i in 0..SIZE {
-            let image = near[i] + (4.0 * to.depth[i].max(0.0) * depth) as f32;
-            row[i] -= (product[i] / image).sqrt();
+/// M̃ between clusters, in f32: plenty there, and far faster.
+struct Far {
+    /// Places are told from here, m.
+    middle: [f64; 3],
+    /// ε²
+    softness: f32,
+    by_product: bool,
+    dipole: bool,
+}
+
+/// A cluster as others feel it.
+struct Source<const R: usize> {
+    at: [[f32; SIZE]; 3],
+    radius: [f32; SIZE],
+    depth: [f32; SIZE],
+    /// How much of each moment each bubble is.
+    answer: [[f32; SIZE]; R],
+}
+
+impl Far {
+    fn new(coupling: &Coupling, places: &[Place]) -> Self {
+        let count = places.len() as f64;
+        Self {
+            middle: [0, 1, 2]
+                .map(|axis| places.iter().map(|place| place.at[axis]).sum::<f64>() / count),
+            softness: (coupling.epsilon * coupling.epsilon) as f32,
+            by_product: coupling.kernel == Kernel::Cb,
+            dipole: coupling.dipole,
         }
     }
-    row
+
+    fn source<const R: usize>(&self, members: &Members, answer: &Moments<R>) -> Source<R> {
+        let mut source = Source {
+            at: [[0.0; SIZE]; 3],
+            radius: [0.0; SIZE],
+            depth: [0.0; SIZE],
+            answer: [[0.0; SIZE]; R],
+        };
+        for i in 0..SIZE {
+            for axis in 0..3 {
+                source.at[axis][i] = (members.at[axis][i] - self.middle[axis]) as f32;
+            }
+            source.radius[i] = members.radius[i] as f32;
+            source.depth[i] = members.depth[i].max(0.0) as f32;
+            for m in 0..R {
+                source.answer[m][i] = answer[m][i] as f32;
+            }
+        }
+        source
+    }
+
+    /// What each bubble of `to` feels of each moment of the `count` bubbles of `from`.
+    #[inline(always)]
+    fn felt<const R: usize, S: Simd>(
+        &self,
+        simd: S,
+        to: &Source<R>,
+        from: &Source<R>,
+        count: usize,
+    ) -> [Row; R] {
+        let mut felt = [[0.0f32; SIZE]; R];
+        let [x, y, z] = [0, 1, 2].map(
+            #[inline(always)]
+            |axis| S::as_simd_f32s(&to.at[axis]).0,
+        );
+        let radius = S::as_simd_f32s(&to.radius).0;
+        let depth = S::as_simd_f32s(&to.depth).0;
+        let least = simd.splat_f32s(f32::MIN_POSITIVE);
+        let half = simd.splat_f32s(0.5 * self.softness);
+        let whole = simd.splat_f32s(self.softness);
+        for i in 0..x.len() {
+            let mut sums = [simd.splat_f32s(0.0); R];
+            for j in 0..count {
+                let dx = simd.sub_f32s(x[i], simd.splat_f32s(from.at[0][j]));
+                let dy = simd.sub_f32s(y[i], simd.splat_f32s(from.at[1][j]));
+                let dz = simd.sub_f32s(z[i], simd.splat_f32s(from.at[2][j]));
+                let other = simd.splat_f32s(from.radius[j]);
+                let product = simd.mul_f32s(radius[i], other);
+                let mut near = simd.mul_add_e_f32s(dx, dx, least);
+                near = simd.mul_add_e_f32s(dy, dy, near);
+                near = simd.mul_add_e_f32s(dz, dz, near);
+                near = if self.by_product {
+                    simd.mul_add_e_f32s(whole, product, near)
+                } else {
+                    let squares =
+                        simd.mul_add_e_f32s(radius[i], radius[i], simd.mul_f32s(other, other));
+                    simd.mul_add_e_f32s(half, squares, near)
+                };
+                let mut mass = simd.sqrt_f32s(simd.div_f32s(product, near));
+                if self.dipole {
+                    let depths = simd.mul_f32s(depth[i], simd.splat_f32s(4.0 * from.depth[j]));
+                    let image = simd.div_f32s(product, simd.add_f32s(near, depths));
+                    mass = simd.sub_f32s(mass, simd.sqrt_f32s(image));
+                }
+                for m in 0..R {
+                    let part = simd.splat_f32s(from.answer[m][j]);
+                    sums[m] = simd.mul_add_e_f32s(mass, part, sums[m]);
+                }
+            }
+            for m in 0..R {
+                S::as_mut_simd_f32s(&mut felt[m]).0[i] = sums[m];
+            }
+        }
+        let mut wide = [[0.0; SIZE]; R];
+        for m in 0..R {
+            for i in 0..SIZE {
+                wide[m][i] = f64::from(felt[m][i]);
+            }
+        }
+        wide
+    }
 }
 
 /// √r·(1, x, y, z) about the middle.

@@ -1,17 +1,18 @@
 //! Runs code with the widest vectors this machine has.
 //!
 //! A closure would not do: the shim by which it is called is compiled for the narrowest. So what is to run wide is a type
-//! with a [`Wide::run`] that is always inlined. No sum is reordered and no multiply-add fused: every width gives the same
-//! bits.
+//! with a [`Wide::run`] that is always inlined. Where multiply-adds are fused depends on the machine: two machines may differ
+//! in the last bits.
 
-use pulp::{Arch, Simd, WithSimd};
+pub use pulp::Simd;
+use pulp::{Arch, WithSimd};
 
 /// Something to run wide.
 pub trait Wide {
     /// What comes of it.
     type Output;
     /// Runs it; has to be `#[inline(always)]`, as all that it calls in its loops.
-    fn run(self) -> Self::Output;
+    fn run<S: Simd>(self, simd: S) -> Self::Output;
 }
 
 struct Op<W>(W);
@@ -20,12 +21,71 @@ impl<W: Wide> WithSimd for Op<W> {
     type Output = W::Output;
 
     #[inline(always)]
-    fn with_simd<S: Simd>(self, _simd: S) -> W::Output {
-        self.0.run()
+    fn with_simd<S: Simd>(self, simd: S) -> W::Output {
+        self.0.run(simd)
     }
 }
 
 /// Runs `work` wide.
 pub fn wide<W: Wide>(work: W) -> W::Output {
     Arch::new().dispatch(Op(work))
+}
+
+/// A symmetric block of 16 columns times a vector.
+#[inline(always)]
+pub fn block_times<S: Simd>(simd: S, block: &[[f64; 16]; 16], x: &[f64; 16]) -> [f64; 16] {
+    let mut out = [0.0; 16];
+    let (columns, _) = S::as_simd_f64s(block.as_flattened());
+    let (sums, _) = S::as_mut_simd_f64s(&mut out);
+    let width = sums.len();
+    for (i, sum) in sums.iter_mut().enumerate() {
+        // Four sums that do not wait for each other.
+        let mut parts = [simd.splat_f64s(0.0); 4];
+        for (j, x) in x.as_chunks::<4>().0.iter().enumerate() {
+            let at = 4 * j * width + i;
+            parts[0] = simd.mul_add_e_f64s(columns[at], simd.splat_f64s(x[0]), parts[0]);
+            parts[1] = simd.mul_add_e_f64s(columns[at + width], simd.splat_f64s(x[1]), parts[1]);
+            parts[2] =
+                simd.mul_add_e_f64s(columns[at + 2 * width], simd.splat_f64s(x[2]), parts[2]);
+            parts[3] =
+                simd.mul_add_e_f64s(columns[at + 3 * width], simd.splat_f64s(x[3]), parts[3]);
+        }
+        *sum = simd.add_f64s(
+            simd.add_f64s(parts[0], parts[1]),
+            simd.add_f64s(parts[2], parts[3]),
+        );
+    }
+    out
+}
+
+/// Sum of the products of two rows.
+#[inline(always)]
+pub fn dot16<S: Simd>(simd: S, a: &[f64; 16], b: &[f64; 16]) -> f64 {
+    let (a, _) = S::as_simd_f64s(a);
+    let (b, _) = S::as_simd_f64s(b);
+    let mut sum = simd.splat_f64s(0.0);
+    for (a, b) in a.iter().zip(b) {
+        sum = simd.mul_add_e_f64s(*a, *b, sum);
+    }
+    simd.reduce_sum_f64s(sum)
+}
+
+/// Columns of 64 rows, each times its factor, summed.
+#[inline(always)]
+pub fn tile_times<S: Simd>(simd: S, columns: &[[f32; 64]], factors: &[f32], out: &mut [f32; 64]) {
+    let (out, _) = S::as_mut_simd_f32s(out);
+    let (all, _) = S::as_simd_f32s(columns.as_flattened());
+    let width = out.len();
+    for (group, out) in out.as_chunks_mut::<4>().0.iter_mut().enumerate() {
+        let mut sums = [simd.splat_f32s(0.0); 4];
+        for (column, factor) in all.chunks_exact(width).zip(factors) {
+            let factor = simd.splat_f32s(*factor);
+            let rows = &column[4 * group..4 * group + 4];
+            sums[0] = simd.mul_add_e_f32s(rows[0], factor, sums[0]);
+            sums[1] = simd.mul_add_e_f32s(rows[1], factor, sums[1]);
+            sums[2] = simd.mul_add_e_f32s(rows[2], factor, sums[2]);
+            sums[3] = simd.mul_add_e_f32s(rows[3], factor, sums[3]);
+        }
+        *out = sums;
+    }
 }
