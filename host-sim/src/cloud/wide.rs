@@ -39,21 +39,17 @@ pub fn block_times<S: Simd>(simd: S, block: &[[f64; 16]; 16], x: &[f64; 16]) -> 
     let (sums, _) = S::as_mut_simd_f64s(&mut out);
     let width = sums.len();
     for (i, sum) in sums.iter_mut().enumerate() {
-        // Four sums that do not wait for each other.
-        let mut parts = [simd.splat_f64s(0.0); 4];
-        for (j, x) in x.as_chunks::<4>().0.iter().enumerate() {
+        // Four sums that do not wait for each other, by name: an array of them would lie in memory.
+        let zero = simd.splat_f64s(0.0);
+        let (mut a, mut b, mut c, mut d) = (zero, zero, zero, zero);
+        for j in 0..4 {
             let at = 4 * j * width + i;
-            parts[0] = simd.mul_add_e_f64s(columns[at], simd.splat_f64s(x[0]), parts[0]);
-            parts[1] = simd.mul_add_e_f64s(columns[at + width], simd.splat_f64s(x[1]), parts[1]);
-            parts[2] =
-                simd.mul_add_e_f64s(columns[at + 2 * width], simd.splat_f64s(x[2]), parts[2]);
-            parts[3] =
-                simd.mul_add_e_f64s(columns[at + 3 * width], simd.splat_f64s(x[3]), parts[3]);
+            a = simd.mul_add_e_f64s(columns[at], simd.splat_f64s(x[4 * j]), a);
+            b = simd.mul_add_e_f64s(columns[at + width], simd.splat_f64s(x[4 * j + 1]), b);
+            c = simd.mul_add_e_f64s(columns[at + 2 * width], simd.splat_f64s(x[4 * j + 2]), c);
+            d = simd.mul_add_e_f64s(columns[at + 3 * width], simd.splat_f64s(x[4 * j + 3]), d);
         }
-        *sum = simd.add_f64s(
-            simd.add_f64s(parts[0], parts[1]),
-            simd.add_f64s(parts[2], parts[3]),
-        );
+        *sum = simd.add_f64s(simd.add_f64s(a, b), simd.add_f64s(c, d));
     }
     out
 }
@@ -76,16 +72,22 @@ pub fn tile_times<S: Simd>(simd: S, columns: &[[f32; 64]], factors: &[f32], out:
     let (out, _) = S::as_mut_simd_f32s(out);
     let (all, _) = S::as_simd_f32s(columns.as_flattened());
     let width = out.len();
-    for (group, out) in out.as_chunks_mut::<4>().0.iter_mut().enumerate() {
-        let mut sums = [simd.splat_f32s(0.0); 4];
-        for (column, factor) in all.chunks_exact(width).zip(factors) {
+    for group in 0..width / 4 {
+        let zero = simd.splat_f32s(0.0);
+        let (mut a, mut b, mut c, mut d) = (zero, zero, zero, zero);
+        let mut at = 4 * group;
+        for factor in &factors[..columns.len()] {
             let factor = simd.splat_f32s(*factor);
-            let rows = &column[4 * group..4 * group + 4];
-            sums[0] = simd.mul_add_e_f32s(rows[0], factor, sums[0]);
-            sums[1] = simd.mul_add_e_f32s(rows[1], factor, sums[1]);
-            sums[2] = simd.mul_add_e_f32s(rows[2], factor, sums[2]);
-            sums[3] = simd.mul_add_e_f32s(rows[3], factor, sums[3]);
+            let rows = &all[at..at + 4];
+            a = simd.mul_add_e_f32s(rows[0], factor, a);
+            b = simd.mul_add_e_f32s(rows[1], factor, b);
+            c = simd.mul_add_e_f32s(rows[2], factor, c);
+            d = simd.mul_add_e_f32s(rows[3], factor, d);
+            at += width;
         }
-        *out = sums;
+        out[4 * group] = a;
+        out[4 * group + 1] = b;
+        out[4 * group + 2] = c;
+        out[4 * group + 3] = d;
     }
 }
