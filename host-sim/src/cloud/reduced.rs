@@ -830,43 +830,57 @@ fn refine(coupling: &Coupling, places: &[Place], groups: &mut [Vec<usize>]) {
 
 #[cfg(test)]
 mod tests {
-    use super::super::modes::{frequencies, least_eigenvalue};
-    use super::super::step::Tone;
-    use super::super::synthetic::ball;
+    use faer::linalg::solvers::Solve as _;
+
+    use super::super::synthetic::{Random, ball};
     use super::*;
 
-    #[test]
-    #[ignore]
-    fn experiment() {
-        let c = Coupling::default();
-        for (n, r) in [
-            (64, 0.03),
-            (64, 0.05),
-            (128, 0.04),
-            (128, 0.08),
-            (256, 0.05),
-            (512, 0.08),
-            (512, 0.05),
-        ] {
-            let mut errors = vec![];
-            let mut least = 9.0f64;
-            for seed in 0..6 {
-                let places = ball(n, r, 0.5e-3, 3e-3, seed);
-                let tones: Vec<_> = places.iter().map(|p| Tone::of_radius(p.radius)).collect();
-                let dense = frequencies(&c.matrix(&places), &tones).unwrap();
-                let m = Reduced::matrix(&c, &places).unwrap();
-                least = least.min(least_eigenvalue(&m));
-                let red = frequencies(&m, &tones).unwrap();
-                errors.extend(dense.iter().zip(&red).map(|(a, b)| (b / a - 1.0).abs()));
-            }
-            errors.sort_by(f64::total_cmp);
-            let mean = errors.iter().sum::<f64>() / errors.len() as f64;
-            println!(
-                "{n} {r}: mean {:.3}% p95 {:.3}% max {:.3}% least {least:.3}",
-                100.0 * mean,
-                100.0 * errors[errors.len() * 95 / 100],
-                100.0 * errors[errors.len() - 1]
-            );
+    /// What is inverted is what the matrix says.
+    fn check<const R: usize>(count: usize) {
+        let coupling = Coupling::default();
+        let places = ball(count, 0.04, 0.5e-3, 3e-3, 7);
+        let mut random = Random::new(1);
+        let extra: Vec<f64> = places.iter().map(|_| random.between(-0.2, 1.0)).collect();
+        let x: Vec<f64> = places.iter().map(|_| random.between(-1.0, 1.0)).collect();
+        let mut whole = Clustered::<R>::matrix(&coupling, &places).unwrap();
+        for (i, extra) in extra.iter().enumerate() {
+            whole[(i, i)] += extra;
         }
+        let right = Mat::from_fn(count, 1, |i, _| x[i]);
+        let wanted = whole.llt(Side::Lower).unwrap().solve(right);
+        let mut solver = Clustered::<R>::new(&coupling, &places, &extra, &[]).unwrap();
+        let order = solver.order().to_vec();
+        let spread: Vec<f64> = order
+            .iter()
+            .map(|&i| x.get(i).copied().unwrap_or(0.0))
+            .collect();
+        let mut out = vec![0.0; order.len()];
+        solver.solve(&spread, &mut out);
+        for (place, &i) in order.iter().enumerate() {
+            if i != usize::MAX {
+                let off = (out[place] - wanted[(i, 0)]).abs();
+                assert!(off < 1e-5, "{count} bubbles, {R} moments: {off:.1e}");
+            }
+        }
+    }
+
+    #[test]
+    fn it_inverts_the_matrix_it_stands_for() {
+        for count in [1, 5, 16, 17, 64, 200] {
+            check::<MOMENTS>(count);
+            check::<1>(count);
+        }
+    }
+
+    #[test]
+    fn newcomers_find_a_cluster_until_there_is_no_room() {
+        let coupling = Coupling::default();
+        let places = ball(60, 0.04, 0.5e-3, 3e-3, 7);
+        let mut homes: Vec<usize> = (0..60).map(|i| i / 12).collect();
+        homes[7] = usize::MAX;
+        let groups = rehomed(&coupling, &places, &homes).unwrap();
+        assert_eq!(groups.iter().map(Vec::len).sum::<usize>(), 60);
+        homes[30..].fill(usize::MAX);
+        assert!(rehomed(&coupling, &places, &homes).is_none());
     }
 }
