@@ -21,7 +21,7 @@ pub enum Choice {
 /// Up to so many bubbles the dense solver is the faster one.
 pub const DENSE_UP_TO: usize = 48;
 
-/// Beyond so many, clusters keep one moment instead of four: pitches within 0.6 % on average, for a core of a sixteenth.
+/// Beyond so many, clusters keep one moment instead of four, for a core of a sixteenth.
 const REDUCED_UP_TO: usize = 1200;
 
 /// Where a matrix may be indefinite, it is tried whole up to so many bubbles; beyond, only as the reduced solver sees it.
