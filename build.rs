@@ -2,19 +2,6 @@
 
 use std::{env, fmt::Write as _, fs, path::Path};
 
-fn table(out: &mut String, name: &str, doc: &str, kind: &str, values: impl Iterator<Item = f64>) {
-    let values: Vec<String> = values
-        .map(|v| format!("{}", libm::round(v) as i64))
-        .collect();
-    writeln!(
-        out,
-        "/// {doc}\npub static {name}: [{kind}; {}] = [{}];",
-        values.len(),
-        values.join(", ")
-    )
-    .unwrap();
-}
-
 fn pairs(
     out: &mut String,
     name: &str,
@@ -41,17 +28,28 @@ fn main() {
         println!("cargo::rustc-cfg=dsp");
     }
     let q26 = libm::exp2(26.0);
+    let q28 = libm::exp2(28.0);
     let q30 = libm::exp2(30.0);
     let q31 = libm::exp2(31.0);
     let turn = 2.0 * std::f64::consts::PI;
     let mut out = String::new();
-    let sine = |i: i32| libm::round(libm::sin(turn * f64::from(i) / 1024.0) * (q31 - 8.0));
+    // A line through both ends of a stretch, as what it is at 0 and its growth to 1.
+    let line = |f: &dyn Fn(f64) -> f64, from: f64, to: f64| {
+        let (begin, growth) = (f(from), (f(to) - f(from)) / (to - from));
+        [begin - from * growth, growth]
+    };
+    // Phases are from -1/2 to 1/2, and the upper half comes first. The halves are for what the product is rounded down by.
+    let sine = |x: f64| libm::sin(turn * x) * q28;
     pairs(
         &mut out,
         "SINE",
-        "sin of i/1024 turn, full scale 2^31 - 8, and twice its growth to the next entry.",
+        "Sine in the i-th of 1024 parts of a turn, Q28, by a line over a phase of signed Q32.",
         "i32",
-        (0..1024).map(|i| [sine(i), 2.0 * (sine(i + 1) - sine(i))]),
+        (0..1024).map(|i| {
+            let from = f64::from((i + 512) % 1024 - 512) / 1024.0;
+            let [begin, growth] = line(&sine, from, from + 1.0 / 1024.0);
+            [begin + 0.5, growth]
+        }),
     );
     pairs(
         &mut out,
@@ -63,11 +61,8 @@ fn main() {
             [libm::sin(phase) * q30, libm::cos(phase) * q30]
         }),
     );
-    // A line through both ends of each stretch, as what it is at 0, and its growth to the end of the table.
-    let chord = |f: &dyn Fn(f64) -> f64, i: i32| {
-        let (begin, end) = (f(f64::from(i) / 256.0), f(f64::from(i + 1) / 256.0));
-        [begin - f64::from(i) * (end - begin), 256.0 * (end - begin)]
-    };
+    let chord =
+        |f: &dyn Fn(f64) -> f64, i: i32| line(f, f64::from(i) / 256.0, f64::from(i + 1) / 256.0);
     pairs(
         &mut out,
         "NEG_LOG2",
@@ -89,14 +84,18 @@ fn main() {
             [begin, -growth]
         }),
     );
-    table(
+    let soft = |e: f64| {
+        let over = (e - 0.85).max(0.0);
+        e * libm::exp(-over * over / 0.002_812_5) * q26
+    };
+    pairs(
         &mut out,
         "ATTACK",
-        "Soft attack HF (39) over e from 0.85 to 1 in 512 steps, full scale 2^31 - 1.",
+        "Envelope under the soft attack HF (39) in the i-th of 4096 parts from the 3352nd on, Q26, by a line over one of Q31.",
         "i32",
-        (0..=512).map(|i| {
-            let over = 0.15 * f64::from(i) / 512.0;
-            libm::exp(-over * over / 0.002_812_5) * (q31 - 1.0)
+        (3352..4096).map(|i| {
+            let [begin, growth] = line(&soft, f64::from(i) / 4096.0, f64::from(i + 1) / 4096.0);
+            [begin + 0.5, 2.0 * growth]
         }),
     );
     let gain = |i: i32| libm::sqrt(2.0) * libm::sin(turn / 4.0 * f64::from(i) / 256.0) * q31;

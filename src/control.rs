@@ -12,6 +12,7 @@ use crate::frame::{BLOCK, TICK};
 use crate::mix;
 use crate::param::{self, COUNT, TABLE};
 use crate::population::{Drive, Radii, Slice, Tuner};
+use crate::profile::Limits;
 use crate::scene::{CURVES, IntensityCurve, Scene};
 use crate::swell::{self, Swell};
 use crate::update::Update;
@@ -48,7 +49,7 @@ struct Ramp {
 
 impl Ramp {
     /// Arrived.
-    fn at(value: f32) -> Self {
+    const fn at(value: f32) -> Self {
         Self {
             now: value,
             from: value,
@@ -97,7 +98,7 @@ impl Ramp {
 #[derive(Clone, Debug)]
 pub struct Control {
     sample_rate: f32,
-    max_rate: f32,
+    limits: Limits,
     ramps: [Ramp; COUNT],
     curves: Vec<IntensityCurve, CURVES>,
     swell: Swell,
@@ -112,7 +113,8 @@ pub struct Control {
     mixed: Mixed,
     triggers: Deque<Trigger, TRIGGERS>,
     muted: bool,
-    /// From 1 to 0 where it is muted.
+    paused: bool,
+    /// From 1 to 0 where it is muted or pauses.
     gain: f32,
 }
 
@@ -130,30 +132,49 @@ const TUNING: [usize; 4] = [
 const MIXING: [usize; 3] = [param::LEVEL, param::TONE, param::LIMITER];
 
 impl Control {
-    /// Playing `scene` at `sample_rate` Hz with at most `max_rate` births a second.
-    pub fn new(scene: &Scene, sample_rate: u32, max_rate: f32, seed: u64) -> Self {
-        let sample_rate = f64::from(sample_rate);
-        let mut control = Self {
-            sample_rate: sample_rate as f32,
-            max_rate,
-            swell: Swell::new(seed),
-            height: 0.0,
-            settled: 0,
-            drops: Drops::new(seed, sample_rate),
-            tuner: Tuner::new(sample_rate),
-            ramps: TABLE.each_ref().map(|param| Ramp::at(param.default)),
-            curves: Vec::new(),
-            drive: Drive::NONE,
-            version: 1,
-            mixed: ([0.0; 3], 1.0),
-            triggers: Deque::new(),
-            muted: false,
-            gain: 1.0,
-        };
-        control.ramps = control.take(scene).map(Ramp::at);
-        (control.tuner).begin(control.radii(), control.at(param::RISE_FACTOR));
-        control.mixed = control.mixing();
+    /// As it is before it starts. All of it is zero, so that a board need not keep it in flash.
+    pub const OFF: Self = Self {
+        sample_rate: 0.0,
+        limits: Limits {
+            rate: 0.0,
+            classes: 0,
+        },
+        ramps: [Ramp::at(0.0); COUNT],
+        curves: Vec::new(),
+        swell: Swell::OFF,
+        height: 0.0,
+        settled: 0,
+        drops: Drops::OFF,
+        tuner: Tuner::OFF,
+        drive: Drive::NONE,
+        version: 0,
+        mixed: ([0.0; 3], 0.0),
+        triggers: Deque::new(),
+        muted: false,
+        paused: false,
+        gain: 0.0,
+    };
+
+    /// Playing `scene` at `sample_rate` Hz within `limits`.
+    pub fn new(scene: &Scene, sample_rate: u32, limits: Limits, seed: u64) -> Self {
+        let mut control = Self::OFF;
+        control.start(scene, sample_rate, limits, seed);
         control
+    }
+
+    /// The same in place: on a board no stack would hold it on the way.
+    pub fn start(&mut self, scene: &Scene, sample_rate: u32, limits: Limits, seed: u64) {
+        let rate = f64::from(sample_rate);
+        self.sample_rate = rate as f32;
+        self.limits = limits;
+        self.swell = Swell::new(seed);
+        self.drops = Drops::new(seed, rate);
+        self.ramps = self.take(scene).map(Ramp::at);
+        let (radii, rise_factor) = (self.radii(), self.at(param::RISE_FACTOR));
+        self.tuner.start(radii, rise_factor, rate);
+        self.version = 1;
+        self.gain = 1.0;
+        self.mixed = self.mixing();
     }
 
     /// The value a parameter is at now.
@@ -177,9 +198,14 @@ impl Control {
         self.muted = on;
     }
 
+    /// The same for the device itself, whatever a person asked for: everything sounds that neither mutes.
+    pub fn pause(&mut self, on: bool) {
+        self.paused = on;
+    }
+
     /// Whether everything is faded out.
     pub fn is_muted(&self) -> bool {
-        self.muted && self.gain == 0.0
+        (self.muted || self.paused) && self.gain == 0.0
     }
 
     /// Sounds a bubble of `radius` metres, `pressure` Pa at 1 m, and `rise_factor`, in the middle. Returns by how many
@@ -280,7 +306,7 @@ impl Control {
             (update.water).drive(&self.drive, radii, impulses, self.sample_rate);
         }
         let step = TICK as f32 / (MUTE_RAMP * self.sample_rate);
-        self.gain = if self.muted {
+        self.gain = if self.muted || self.paused {
             (self.gain - step).max(0.0)
         } else {
             (self.gain + step).min(1.0)
@@ -330,7 +356,7 @@ impl Control {
         Radii {
             min: a.min(b),
             max: a.max(b),
-            classes: self.at(param::CLASSES) as usize,
+            classes: (self.at(param::CLASSES) as usize).min(self.limits.classes),
         }
     }
 
@@ -361,7 +387,7 @@ impl Control {
         let entrained = self.at(param::EXCITATION) == 1.0;
         let impact = |value: f32, other: f32| if entrained { other } else { value };
         Drive {
-            rate: self.at(param::RATE).min(self.max_rate) * (1.0 - ebb) * (1.0 - ebb),
+            rate: self.at(param::RATE).min(self.limits.rate) * (1.0 - ebb) * (1.0 - ebb),
             gamma: gamma + ebb * self.at(param::SWELL_FIZZ),
             weight: core::array::from_fn(weight),
             alpha: impact(self.at(param::ALPHA), 0.0),

@@ -66,6 +66,14 @@ struct Falling {
 const FOLLOW: f32 = 0.035;
 
 impl Drops {
+    /// No drops, until others take their place.
+    pub const OFF: Self = Self {
+        random: Random::OFF,
+        sample_rate: 0.0,
+        next: 0.0,
+        drop: None,
+    };
+
     /// The first drop falls within the first mean interval.
     pub fn new(seed: u64, sample_rate: f64) -> Self {
         let mut random = Random::new(seed, Stream::Drops);

@@ -10,6 +10,8 @@ pub const FULL_SCALE_PA: i32 = 1;
 pub const FULL_SCALE: i32 = FULL_SCALE_PA * PASCAL;
 /// Largest pressure a single bubble may have, Pa.
 pub const BUBBLE_MAX_PA: i32 = 8;
+/// The part of all 4096 that [`ATTACK`] begins with.
+pub const ATTACK_FIRST: usize = 4096 - ATTACK.len();
 
 /// High word of the product, rounded to nearest (SMMULR).
 #[inline(always)]
@@ -29,11 +31,19 @@ pub fn high(a: u32, b: u32) -> u32 {
     ((u64::from(a) * u64::from(b)) >> 32) as u32
 }
 
-/// Sine of `phase` (2^32 to the turn), Q31, within 5e-6 of full scale.
+/// Sine of `phase` (2^32 to the turn), Q28, within 5e-6 of full scale. No bit of the phase is masked off: the table's
+/// lines are as they are at phase 0.
 #[inline(always)]
 pub fn sine(phase: u32) -> i32 {
-    let [value, growth] = SINE[(phase >> 22) as usize];
-    value + mul_high_down(growth, ((phase << 9) & 0x7fff_ffff) as i32)
+    let [begin, growth] = SINE[(phase >> 22) as usize];
+    begin + mul_high_down(growth, phase as i32)
+}
+
+/// An envelope (Q31, from 0.82 to 1) under the soft attack HF (39), Q26, within 1e-5.
+#[inline(always)]
+pub fn soft_attack(envelope: i32) -> i32 {
+    let [begin, growth] = ATTACK[(envelope >> 19) as usize - ATTACK_FIRST];
+    begin + mul_high_down(growth, envelope)
 }
 
 /// Sine and cosine of `phase`, Q30, within 5e-6 of full scale: the nearest entry, turned by the small rest.

@@ -7,11 +7,12 @@
 mod cortex_m;
 #[cfg(not(dsp))]
 mod portable;
+pub mod voice;
 
 #[cfg(dsp)]
-pub use cortex_m::{Hits, play, ring};
+pub use cortex_m::{Hits, ring, walk};
 #[cfg(not(dsp))]
-pub use portable::{Hits, play, ring};
+pub use portable::{Hits, ring, walk};
 
 use crate::fixed::{exp2_neg, high, neg_log2, pan, sine_cosine};
 use crate::random::Random;
@@ -69,14 +70,31 @@ pub struct Source {
     pub drawn: [[u32; 2]; DRAWN + 1],
 }
 
-/// What became of a class's block.
+/// How a class is struck. The assembly knows where its words are.
 #[derive(Clone, Copy, Debug)]
-pub enum Outcome {
-    /// All is done, and its words are so far out, see [`State::extent`](crate::resonator::State::extent).
-    #[cfg_attr(not(dsp), expect(dead_code, reason = "plain Rust only draws"))]
-    Rung(u32),
-    /// Births are drawn, and wait.
-    Drawn(Drawn),
+#[repr(C)]
+pub struct Flow {
+    /// What the clock draws births one by one by.
+    pub stroke: Stroke,
+    /// Which of the crowds draws the others, from 1 on; 0 for none.
+    pub crowd: u32,
+    /// `-log2 D` (Q20) above which less than half a unit is left of a bubble one sample before it is due.
+    pub inaudible: u32,
+    /// The pressure at its birth, Q28, for voices.
+    pub voice_pressure: u32,
+    /// The clock counts births over ln 2 in units of 2^-`scale`.
+    pub scale: u8,
+}
+
+/// Where a walk through the classes stopped.
+#[derive(Clone, Copy, Debug)]
+pub struct Stop {
+    /// The class that is left to the caller; where it is the end, all are done.
+    pub class: usize,
+    /// How far those before it may swing from here, bus units.
+    pub swing: u64,
+    /// Its births, where they are drawn.
+    pub drawn: Option<Drawn>,
 }
 
 /// So many births that may be heard are listed.
@@ -89,15 +107,13 @@ pub struct Drawn {
 }
 
 impl Source {
-    /// With the generator's first number to come.
-    pub fn new(random: Random) -> Self {
-        Self {
-            random,
-            left: 0,
-            room: 0,
-            drawn: [[0; 2]; DRAWN + 1],
-        }
-    }
+    /// Without a seed.
+    pub const OFF: Self = Self {
+        random: Random::OFF,
+        left: 0,
+        room: 0,
+        drawn: [[0; 2]; DRAWN + 1],
+    };
 
     /// Draws the next births of a class in this block and sets its clock for the one after them. Those whose random
     /// number is below `silent_below` are not listed.
@@ -122,6 +138,23 @@ impl Source {
         self.left -= births;
         self.random = random;
         Drawn { count, more }
+    }
+}
+
+impl Flow {
+    /// No births.
+    pub const NONE: Self = Self {
+        stroke: Stroke::NONE,
+        crowd: 0,
+        inaudible: 0,
+        voice_pressure: 0,
+        scale: 57,
+    };
+
+    /// Whether a crowd draws most of its births.
+    #[inline(always)]
+    pub fn is_crowd(&self) -> bool {
+        self.crowd != 0
     }
 }
 

@@ -27,6 +27,7 @@ pub mod random;
 pub mod resonator;
 pub mod scene;
 pub mod stats;
+pub mod storage;
 pub mod swell;
 pub mod synth;
 pub mod update;

@@ -91,9 +91,9 @@ struct Glide {
 }
 
 impl Glide {
-    fn at(target: i32) -> Self {
+    const fn at(target: i32) -> Self {
         Self {
-            now: i64::from(target) << 16,
+            now: (target as i64) << 16,
             step: 0,
             target,
             left: 0,
@@ -215,6 +215,20 @@ pub struct Mix {
 }
 
 impl Mix {
+    /// One that lets nothing through, until another takes its place.
+    pub const OFF: Self = Self {
+        output: Output::Raw,
+        level: Glide::at(0),
+        low: Glide::at(0),
+        high: Glide::at(0),
+        corners: Corners { dc: 0, tone: 0 },
+        limiting: false,
+        ears: [Ear { mean: 0, low: 0 }; 2],
+        limiter: Limiter::OFF,
+        random: Random::OFF,
+        silence: 0,
+    };
+
     /// A mix at rest, already at its settings.
     pub fn new(output: Output, seed: u64, settings: &Settings, sample_rate: f64) -> Self {
         Self {
@@ -313,14 +327,14 @@ impl Mix {
         let top = (FULL_SCALE >> SHIFT) - 1;
         let mut random = self.random.clone();
         let mut silence = self.silence;
-        for frame in block {
+        let mut dither = |frame: &mut Frame| {
             silence = if *frame == Frame::ZERO {
                 (silence + 1).min(DITHER_TAIL)
             } else {
                 0
             };
             if silence == DITHER_TAIL {
-                continue;
+                return;
             }
             for x in [&mut frame.left, &mut frame.right] {
                 // Triangular, ±1 of the last bit: the difference of two uniform numbers.
@@ -329,6 +343,10 @@ impl Mix {
                     (bits >> (32 - SHIFT)) as i32 - ((bits & 0xffff) >> (16 - SHIFT)) as i32;
                 *x = ((*x + noise + (1 << (SHIFT - 1))) >> SHIFT).clamp(-top - 1, top);
             }
+        };
+        // By fours, for a Cortex-M: what the loop itself costs counts.
+        for four in block.as_chunks_mut::<4>().0 {
+            four.iter_mut().for_each(&mut dither);
         }
         self.random = random;
         self.silence = silence;

@@ -14,12 +14,12 @@ use settings::Ears;
 
 use crate::fixed::{PASCAL, exp2_neg, high, to_fixed};
 use crate::frame::{BLOCK, Block};
-use crate::kernel::{ALL_STILL, Drawn, Hits, Outcome, Source, Stroke, play, ring};
+use crate::kernel::{ALL_STILL, Drawn, Flow, Hits, Source, Stop, ring, walk};
 use crate::observer::{Birth, Crowd as CrowdSeen, Observer, Path};
 use crate::random::{Random, Stream};
 use crate::resonator::{
-    Form, Impulse, STRIKES_MAX, SWING_MAX, State, StrikeWords, Strikes, Tuning, run_struck,
-    run_two_struck,
+    Form, Impulse, Resonator, STRIKES_MAX, SWING_MAX, State, StrikeWords, Strikes, Tuning,
+    run_struck, run_two_struck,
 };
 use crate::stats::Stats;
 use crate::voices::{Pitch, Start, Voice, Voices};
@@ -37,21 +37,6 @@ const CROSSOVER: Option<u8> = if cfg!(dsp) { None } else { Some(3) };
 /// A retired bank rings out at least this fast, 1/s.
 const RETIRED_DECAY: f64 = 60.0;
 
-/// How a class is struck.
-#[derive(Clone, Copy, Debug)]
-struct Flow {
-    /// What the clock draws births one by one by.
-    stroke: Stroke,
-    /// `-log2 D` (Q20) above which less than half a unit is left of a bubble one sample before it is due.
-    inaudible: u32,
-    /// The pressure at its birth, Q28, for voices.
-    voice_pressure: u32,
-    /// The clock counts births over ln 2 in units of 2^-`scale`.
-    scale: u8,
-    /// Which of the crowds draws the others, or [`Self::ALONE`].
-    crowd: u8,
-}
-
 /// The moments of a class with more than one birth a sample.
 #[derive(Clone, Copy, Debug)]
 pub struct Crowd {
@@ -65,25 +50,6 @@ pub struct Crowd {
     spread: [i32; 3],
     /// What a block's impulses may come to at most, Q27 of a pascal.
     most: u32,
-}
-
-impl Flow {
-    /// No crowd.
-    const ALONE: u8 = u8::MAX;
-
-    /// No births.
-    const NONE: Self = Self {
-        stroke: Stroke::NONE,
-        inaudible: 0,
-        voice_pressure: 0,
-        scale: 57,
-        crowd: Self::ALONE,
-    };
-
-    #[inline(always)]
-    fn is_crowd(&self) -> bool {
-        self.crowd != Self::ALONE
-    }
 }
 
 impl Crowd {
@@ -159,73 +125,45 @@ impl Table {
 /// One set of resonators.
 #[derive(Clone, Debug)]
 struct Bank {
-    state: [State; CLASSES],
-    /// Which of them ring, and how many.
-    ringing: [bool; CLASSES],
-    count: usize,
+    resonators: [Resonator; CLASSES],
+    /// How far all of them might swing from the end of the last block on, bus units; 0 where none rings.
+    swing: u64,
 }
 
 impl Bank {
-    fn new() -> Self {
-        Self {
-            state: [State::SILENT; CLASSES],
-            ringing: [false; CLASSES],
-            count: 0,
-        }
-    }
-
-    /// Ends class `k`'s block, whose words are so far out: how far it may swing from here, bus units.
-    #[inline(always)]
-    fn settle(&mut self, k: usize, tuning: &Tuning, extent: u32) -> u64 {
-        let rings = !tuning.is_inaudible(extent);
-        let rang = core::mem::replace(&mut self.ringing[k], rings);
-        if rings != rang {
-            self.count = self.count + usize::from(rings) - usize::from(rang);
-        }
-        if rings {
-            tuning.swing(extent)
-        } else {
-            self.state[k] = State::SILENT;
-            0
-        }
-    }
+    /// No class rings.
+    const SILENT: Self = Self {
+        resonators: [Resonator::SILENT; CLASSES],
+        swing: 0,
+    };
 
     /// How far all classes may swing from here at most, bus units.
-    fn swing(&self, table: &Table) -> u64 {
-        (self.state.iter().zip(&table.tuning))
-            .map(|(state, tuning)| tuning.swing(state.loudest() + 7))
+    fn reach(&self, table: &Table) -> u64 {
+        (self.resonators.iter().zip(&table.tuning))
+            .map(|(resonator, tuning)| tuning.swing(resonator.state.loudest() + 7))
             .sum()
     }
 
     /// Everything half as loud.
     #[inline(never)]
     fn halve(&mut self) {
-        self.state.iter_mut().for_each(State::halve);
+        let states = self.resonators.iter_mut().map(|one| &mut one.state);
+        states.for_each(State::halve);
     }
 
-    /// Rings on with no births, and decays faster by `hurry`, see [`Tuning::hurried`]. Returns how far it may swing from
-    /// here, bus units.
-    fn ring_out(&mut self, table: &Table, hurry: i32, hits: &mut Hits, out: &mut Block) -> u64 {
-        let mut swing = 0;
-        if self.count > 0 {
-            for (k, tuning) in table.tuning.iter().enumerate() {
-                if self.ringing[k] {
-                    swing += self.ring_on(k, &tuning.hurried(hurry), hits, out);
-                }
-            }
+    /// Rings on with no births, and decays faster by `hurry`, see [`Tuning::hurried`].
+    fn ring_out(&mut self, table: &Table, hurry: i32, hits: &mut Hits, out: &mut Block) {
+        if self.swing > 0 {
+            self.swing = (table.tuning.iter().enumerate())
+                .map(|(k, tuning)| self.ring_on(k, &tuning.hurried(hurry), hits, out))
+                .sum();
         }
-        swing
     }
 
-    /// No class rings.
-    fn silence(&mut self) {
-        *self = Self::new();
-    }
-
-    /// Class `k` for a block without births.
+    /// Class `k` for a block without births: how far it may swing from here, bus units.
     #[inline(always)]
     fn ring_on(&mut self, k: usize, tuning: &Tuning, hits: &mut Hits, out: &mut Block) -> u64 {
-        if !self.ringing[k] {
+        if !self.resonators[k].rings() {
             return 0;
         }
         hits.begin(tuning.form);
@@ -235,15 +173,17 @@ impl Bank {
     /// Rings for a block, struck by `hits`.
     #[inline(always)]
     fn ring(&mut self, k: usize, tuning: &Tuning, hits: &mut Hits, out: &mut Block) -> u64 {
-        let extent = ring(tuning, &mut self.state[k], hits, true, out);
-        self.settle(k, tuning, extent)
+        let resonator = &mut self.resonators[k];
+        let extent = ring(tuning, &mut resonator.state, hits, true, out);
+        resonator.settle(tuning, extent)
     }
 
-    /// Class `k` for a block with few births: the resonator runs from one to the next.
+    /// Class `k` for a block with few births, of which the first are drawn: the resonator runs from one to the next.
     #[inline(never)]
     fn ring_with<S, O>(
         &mut self,
         k: usize,
+        mut drawn: Drawn,
         births: &mut Births<'_, S, O>,
         hits: &mut Hits,
         out: &mut Block,
@@ -252,27 +192,23 @@ impl Bank {
         S: AsRef<[Voice]> + AsMut<[Voice]>,
         O: Observer,
     {
-        let (tuning, state) = (&births.table.tuning[k], &mut self.state[k]);
-        let mut drawn = match births.play(k, tuning, state, out) {
-            Outcome::Rung(extent) => return self.settle(k, tuning, extent),
-            Outcome::Drawn(drawn) => drawn,
-        };
-        let mut struck = self.ringing[k];
+        let tuning = &births.table.tuning[k];
+        let mut rings = self.resonators[k].rings();
         let mut room = births.source.room.min(STRIKES_MAX);
         hits.begin(tuning.form);
         loop {
             births.strike(k, drawn.count, &mut room, |sample, impulse| {
                 hits.push(sample, impulse);
             });
-            struck |= !hits.is_empty();
+            rings |= !hits.is_empty();
             if !births.goes_on(k, drawn) {
                 break;
             }
-            ring(tuning, state, hits, false, out);
+            ring(tuning, &mut self.resonators[k].state, hits, false, out);
             drawn = births.draw(k);
         }
         births.source.room -= births.source.room.min(STRIKES_MAX) - room;
-        if struck {
+        if rings {
             self.ring(k, tuning, hits, out)
         } else {
             0
@@ -288,8 +224,9 @@ impl Bank {
         strikes: &Strikes,
         out: &mut Block,
     ) -> u64 {
-        run_struck(tuning, &mut self.state[k], strikes, out);
-        self.settle(k, tuning, self.state[k].extent())
+        let resonator = &mut self.resonators[k];
+        run_struck(tuning, &mut resonator.state, strikes, out);
+        resonator.settle(tuning, resonator.state.extent())
     }
 
     /// The same for class `k` and the next one, of the same form.
@@ -301,11 +238,11 @@ impl Bank {
         strikes: &[Strikes; 2],
         out: &mut Block,
     ) -> u64 {
-        let (one, two) = self.state.split_at_mut(k + 1);
+        let (one, two) = self.resonators.split_at_mut(k + 1);
+        let (one, two) = (&mut one[k], &mut two[0]);
         let tuning = [&table.tuning[k], &table.tuning[k + 1]];
-        run_two_struck(tuning, [&mut one[k], &mut two[0]], strikes, out);
-        self.settle(k, tuning[0], self.state[k].extent())
-            + self.settle(k + 1, tuning[1], self.state[k + 1].extent())
+        run_two_struck(tuning, [&mut one.state, &mut two.state], strikes, out);
+        one.settle(tuning[0], one.state.extent()) + two.settle(tuning[1], two.state.extent())
     }
 }
 
@@ -327,39 +264,45 @@ pub struct Population {
     hurry: i32,
     /// How far all classes may swing from here, bus units.
     swing: u32,
-    /// Whether there are births at all.
-    flows: bool,
     hits: Hits,
 }
 
 impl Population {
-    /// A silent population at `sample_rate` Hz; `births_per_block` bounds the work of a block.
-    pub fn new(seed: u64, births_per_block: u32, sample_rate: f64) -> Self {
-        let mut random = Random::new(seed, Stream::Population);
-        Self {
-            clock: [(); CLASSES].map(|()| Flow::NONE.stroke.gap(random.bits())),
-            scale: [Flow::NONE.scale; CLASSES],
-            source: Source::new(random),
-            banks: [Bank::new(), Bank::new()],
-            tables: [Table::SILENT; 2],
-            live: 0,
-            births_per_block,
-            hurry: to_fixed(2.0 * RETIRED_DECAY / sample_rate, 32),
-            swing: 0,
-            flows: false,
-            hits: Hits::new(),
+    /// As it is before it starts. All of it is zero, so that a board need not keep it in flash.
+    pub const SILENT: Self = Self {
+        clock: [0; CLASSES],
+        scale: [0; CLASSES],
+        source: Source::OFF,
+        banks: [Bank::SILENT; 2],
+        tables: [Table::SILENT; 2],
+        live: 0,
+        births_per_block: 0,
+        hurry: 0,
+        swing: 0,
+        hits: Hits::new(),
+    };
+
+    /// Starts a silent one at `sample_rate` Hz; `births_per_block` bounds the work of a block.
+    pub fn start(&mut self, seed: u64, births_per_block: u32, sample_rate: f64) {
+        let random = &mut self.source.random;
+        *random = Random::new(seed, Stream::Population);
+        for clock in &mut self.clock {
+            *clock = Flow::NONE.stroke.gap(random.bits());
         }
+        self.scale = [Flow::NONE.scale; CLASSES];
+        self.births_per_block = births_per_block;
+        self.hurry = to_fixed(2.0 * RETIRED_DECAY / sample_rate, 32);
     }
 
     /// Counts on by new settings, which are then rendered with.
     pub fn apply(&mut self, settings: &Settings) {
-        self.flows = false;
         let clocks = self.clock.iter_mut().zip(&mut self.scale);
-        for ((clock, old), flow) in clocks.zip(&settings.flow) {
+        for ((clock, old), flow) in clocks.zip(&settings.flow[..settings.classes]) {
             let new = flow.scale;
-            *clock = *clock << new.saturating_sub(*old) >> old.saturating_sub(new);
-            *old = new;
-            self.flows |= flow.stroke.per_block > 0 || flow.is_crowd();
+            if new != *old {
+                *clock = *clock << new.saturating_sub(*old) >> old.saturating_sub(new);
+                *old = new;
+            }
         }
     }
 
@@ -369,7 +312,7 @@ impl Population {
             Place::Live => self.live,
             Place::Next => {
                 // What has not rung out by now is below the floor of hearing.
-                self.banks[self.live ^ 1].silence();
+                self.banks[self.live ^ 1] = Bank::SILENT;
                 self.live ^ 1
             }
         };
@@ -383,9 +326,15 @@ impl Population {
         }
     }
 
+    /// How many resonators ring, those from before a retuning among them.
+    pub fn ringing(&self) -> usize {
+        let resonators = self.banks.iter().flat_map(|bank| &bank.resonators);
+        resonators.filter(|resonator| resonator.rings()).count()
+    }
+
     /// Whether nothing rings.
     pub fn is_silent(&self) -> bool {
-        self.banks.iter().all(|bank| bank.count == 0)
+        self.banks.iter().all(|bank| bank.swing == 0)
     }
 
     /// Renders one block that begins at `frame` into a silent `out`; rising bubbles go to `voices`.
@@ -406,10 +355,10 @@ impl Population {
         self.source.left = self.births_per_block;
         let hits = &mut self.hits;
         let old = self.live ^ 1;
-        let mut swing = self.banks[old].ring_out(&self.tables[old], self.hurry, hits, out);
+        self.banks[old].ring_out(&self.tables[old], self.hurry, hits, out);
         let bank = &mut self.banks[self.live];
         let table = &self.tables[self.live];
-        if self.flows {
+        if settings.flows {
             let mut births = Births {
                 frame,
                 settings,
@@ -420,33 +369,13 @@ impl Population {
                 stats,
                 observer,
             };
-            let mut k = 0;
-            while k < settings.classes {
-                let tuning = &table.tuning[k];
-                let pair = k + 1 < settings.classes
-                    && settings.is_dense(k)
-                    && settings.is_dense(k + 1)
-                    && tuning.form == table.tuning[k + 1].form;
-                if pair {
-                    let strikes = [births.gather(k), births.gather(k + 1)];
-                    swing += bank.ring_struck_pair(k, table, &strikes, out);
-                    k += 2;
-                } else if settings.is_dense(k) {
-                    swing += bank.ring_struck(k, tuning, &births.gather(k), out);
-                    k += 1;
-                } else if births.waits(k) {
-                    swing += bank.ring_on(k, tuning, hits, out);
-                    k += 1;
-                } else {
-                    swing += bank.ring_with(k, &mut births, hits, out);
-                    k += 1;
-                }
-            }
+            bank.swing = births.ring_all(bank, hits, out);
             let births = u64::from(self.births_per_block - self.source.left);
             stats.births = stats.births.wrapping_add(births);
         } else {
-            swing += bank.ring_out(table, 0, hits, out);
+            bank.ring_out(table, 0, hits, out);
         }
+        let mut swing = self.banks.iter().map(|bank| bank.swing).sum();
         if swing > SWING_MAX / 2 {
             swing = self.hold(stats);
         }
@@ -457,7 +386,7 @@ impl Population {
     #[inline(never)]
     fn hold(&mut self, stats: &mut Stats) -> u64 {
         let banks = self.banks.iter().zip(&self.tables);
-        let mut swing: u64 = banks.map(|(bank, table)| bank.swing(table)).sum();
+        let mut swing: u64 = banks.map(|(bank, table)| bank.reach(table)).sum();
         while swing > SWING_MAX {
             // Far beyond full scale: everything gives way at once, rather than wrap.
             self.banks.iter_mut().for_each(Bank::halve);
@@ -493,6 +422,66 @@ where
     S: AsRef<[Voice]> + AsMut<[Voice]>,
     O: Observer,
 {
+    /// Every class for a block: how far all may swing from here, bus units.
+    #[inline(always)]
+    fn ring_all(&mut self, bank: &mut Bank, hits: &mut Hits, out: &mut Block) -> u64 {
+        let (settings, table) = (self.settings, self.table);
+        let mut swing = 0;
+        let mut k = 0;
+        while k < settings.classes {
+            let stop = self.walk(k, bank, out);
+            swing += stop.swing;
+            k = stop.class;
+            if k == settings.classes {
+                break;
+            }
+            let tuning = &table.tuning[k];
+            let pair = CROSSOVER.is_some()
+                && k + 1 < settings.classes
+                && settings.is_dense(k)
+                && settings.is_dense(k + 1)
+                && tuning.form == table.tuning[k + 1].form;
+            swing += if let Some(drawn) = stop.drawn {
+                bank.ring_with(k, drawn, self, hits, out)
+            } else if pair {
+                let strikes = [self.gather(k), self.gather(k + 1)];
+                bank.ring_struck_pair(k, table, &strikes, out)
+            } else if settings.is_dense(k) {
+                bank.ring_struck(k, tuning, &self.gather(k), out)
+            } else if self.waits(k) {
+                bank.ring_on(k, tuning, hits, out)
+            } else {
+                bank.ring_with(k, self.draw(k), self, hits, out)
+            };
+            k += 1 + usize::from(pair);
+        }
+        swing
+    }
+
+    /// From class `k` on all that have nothing out of the ordinary.
+    #[inline(always)]
+    fn walk(&mut self, k: usize, bank: &mut Bank, out: &mut Block) -> Stop {
+        if self.observer.watches_births() {
+            return Stop {
+                class: k,
+                swing: 0,
+                drawn: None,
+            };
+        }
+        let (settings, resonators) = (self.settings, &mut bank.resonators);
+        let tunings = &self.table.tuning;
+        let clocks = &mut *self.clock;
+        walk(
+            k..settings.classes,
+            resonators,
+            tunings,
+            &settings.flow,
+            clocks,
+            self.source,
+            out,
+        )
+    }
+
     /// All births of class `k` in this block.
     #[inline(always)]
     fn gather(&mut self, k: usize) -> Strikes {
@@ -526,16 +515,6 @@ where
             *clock -= per_block;
         }
         waits
-    }
-
-    /// Draws class `k`'s births in this block; where they are nothing out of the ordinary, the class rings with them too.
-    #[inline(always)]
-    fn play(&mut self, k: usize, tuning: &Tuning, state: &mut State, out: &mut Block) -> Outcome {
-        if self.observer.watches_births() {
-            return Outcome::Drawn(self.draw(k));
-        }
-        let stroke = &self.settings.flow[k].stroke;
-        play(tuning, state, stroke, &mut self.clock[k], self.source, out)
     }
 
     /// Draws births of class `k` in this block.
@@ -628,21 +607,22 @@ where
     #[inline(never)]
     fn voice(&mut self, k: usize, position: u32, soft: u32, pan: [u32; 2]) -> bool {
         let flow = &self.settings.flow[k];
-        let pressure = (u64::from(flow.voice_pressure) * u64::from(exp2_neg(soft))) >> 31;
-        let gain = pan.map(|gain| (pressure * u64::from(gain)) >> 31);
-        let gain = gain.map(|gain| gain.min(i32::MAX as u64) as i32);
+        let product = |a: u32, b: u32| (u64::from(a) * u64::from(b)) >> 31;
+        let pressure = product(flow.voice_pressure, exp2_neg(soft)) as u32;
+        // At most √2 of CLASS_MAX_PA.
+        let gain = pan.map(|gain| product(pressure, gain) as i32);
         let age = (1 << 27) - (position & 0x07ff_ffff);
         let delay = (position >> 27) + 1;
-        let voice = self.table.pitch[k].start(age, delay, gain);
-        let start = self.voices.start(voice);
+        let start = self.voices.start(&self.table.pitch[k], delay, age, gain);
         let stats = &mut *self.stats;
         stats.rising = stats.rising.wrapping_add(1);
-        stats.stolen = stats.stolen.wrapping_add(u64::from(start == Start::Stole));
-        stats.unvoiced = stats
-            .unvoiced
-            .wrapping_add(u64::from(start == Start::Refused));
-        if start == Start::Refused {
-            return false;
+        match start {
+            Start::Sounds => {}
+            Start::Stole => stats.stolen = stats.stolen.wrapping_add(1),
+            Start::Refused => {
+                stats.unvoiced = stats.unvoiced.wrapping_add(1);
+                return false;
+            }
         }
         self.report(k, position, gain, Path::Voice);
         true

@@ -4,29 +4,41 @@ use crate::population::Crowd;
 use crate::update::Update;
 use crate::voices::Voice;
 
+/// What a board takes of the parameters, however far they are turned.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Limits {
+    /// Most births a second.
+    pub rate: f32,
+    /// Most radius classes; more are as many over the same radii.
+    pub classes: usize,
+}
+
 /// A board's capacities. The same profile, seed, scene and events give the same samples on every machine.
 pub trait Profile: Clone + Send + core::fmt::Debug {
     /// The name on the command line.
     const NAME: &'static str;
     /// Slots for voices; three quarters of them may sound at once, the rest are for stolen ones that fade.
     const VOICES: usize;
-    /// Most births a second.
-    const MAX_RATE: f32;
-    /// Most births in a block: far beyond what chance makes of `MAX_RATE`.
+    /// What its control path takes.
+    const LIMITS: Limits;
+    /// Most births in a block: far beyond what chance makes of the most a second.
     const BIRTHS_PER_BLOCK: u32;
     /// Where voices live.
     type Voices: AsRef<[Voice]> + AsMut<[Voice]> + Clone + Send + core::fmt::Debug;
-    /// `VOICES` idle slots.
-    fn voices() -> Self::Voices;
-    /// What goes between control and audio path, with room for `MAX_RATE` over the sample rate crowds.
+    /// The slots before the start, idle; none yet where they are allocated.
+    const IDLE: Self::Voices;
+    /// Allocates the slots, at the start.
+    fn make_room(_voices: &mut Self::Voices) {}
+    /// What goes between control and audio path, with room for the most births a second over the sample rate
+    /// crowds.
     type Update: AsRef<Update> + AsMut<Update> + Clone + Send + core::fmt::Debug;
     /// An empty one.
     fn update() -> Self::Update;
 }
 
 macro_rules! board {
-    ($(#[$doc:meta])* $type:ident, $name:literal, $voices:literal, $rate:literal, $births:literal,
-     $crowds:literal) => {
+    ($(#[$doc:meta])* $type:ident, $name:literal, $voices:literal, $rate:literal, $classes:literal,
+     $births:literal, $crowds:literal) => {
         $(#[$doc])*
         #[derive(Clone, Copy, Debug)]
         pub struct $type;
@@ -34,12 +46,13 @@ macro_rules! board {
         impl Profile for $type {
             const NAME: &'static str = $name;
             const VOICES: usize = $voices;
-            const MAX_RATE: f32 = $rate;
+            const LIMITS: Limits = Limits {
+                rate: $rate,
+                classes: $classes,
+            };
             const BIRTHS_PER_BLOCK: u32 = $births;
             type Voices = [Voice; $voices];
-            fn voices() -> Self::Voices {
-                [Voice::default(); $voices]
-            }
+            const IDLE: Self::Voices = [Voice::IDLE; $voices];
             type Update = Update<[Crowd; $crowds]>;
             fn update() -> Self::Update {
                 Update::new()
@@ -50,13 +63,13 @@ macro_rules! board {
 
 board!(
     /// STM32F411, 100 MHz.
-    F411, "f411", 32, 100_000.0, 160, 2
+    F411, "f411", 12, 80_000.0, 22, 130, 2
 );
 board!(
     /// STM32F407, 168 MHz.
-    F407, "f407", 64, 200_000.0, 280, 4
+    F407, "f407", 48, 200_000.0, 64, 280, 4
 );
 board!(
     /// STM32H743, 480 MHz.
-    H743, "h743", 256, 500_000.0, 600, 10
+    H743, "h743", 256, 500_000.0, 64, 600, 10
 );

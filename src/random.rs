@@ -24,6 +24,9 @@ pub struct Random {
 }
 
 impl Random {
+    /// One that is not seeded, until another takes its place.
+    pub const OFF: Self = Self { s0: 0, s1: 0 };
+
     /// The generator of one stream of one seed.
     pub fn new(seed: u64, stream: Stream) -> Self {
         let mut x = seed ^ (stream as u64).wrapping_mul(0xd134_2543_de82_ef95);

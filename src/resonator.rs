@@ -19,6 +19,7 @@ pub const SWING_MAX: u64 = 16 << 26;
 
 /// Which recurrence a class runs.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[repr(u8)]
 pub enum Form {
     /// Too high to be sounded.
     Silent,
@@ -45,15 +46,17 @@ impl Form {
     }
 }
 
-/// What a resonator is tuned to. Made in f64 when a radius or the sample rate changes.
+/// What a resonator is tuned to. Made in f64 when a radius or the sample rate changes. The assembly knows where its words
+/// are.
 #[derive(Clone, Copy, Debug)]
+#[repr(C)]
 pub struct Tuning {
     /// The recurrence.
     pub form: Form,
     /// Radius of the class, m.
     pub radius: f32,
     /// Circle: −g and −b, Q32. Direct: a1 and a2, Q30.
-    coefficients: [i32; 2],
+    pub(crate) coefficients: [i32; 2],
     /// The second state word of a bubble of phase φ is `second[0]·sin φ + second[1]·cos φ`, Q30.
     second: [i32; 2],
     /// Turns a sample, Q32.
@@ -61,9 +64,9 @@ pub struct Tuning {
     /// Decay in powers of two a sample, Q31.
     decay: u32,
     /// Below this, in both words of both ears, the resonator is silent; bus units.
-    floor: i32,
+    pub(crate) floor: i32,
     /// How far the words may swing beyond their size now, in eighths.
-    swing: u32,
+    pub(crate) swing: u32,
 }
 
 /// A complex number, for the few lines of tuning that want one.
@@ -93,7 +96,7 @@ impl Tuning {
         step: 0,
         decay: 0,
         floor: 0,
-        swing: 8,
+        swing: 0,
     };
 
     /// The resonator of a bubble of `radius` metres at `rate` Hz.
@@ -191,12 +194,6 @@ impl Tuning {
             .map(|factor| f64::from(factor) * libm::exp2(-30.0))
     }
 
-    /// Whether words no further out than that are too soft to hear.
-    #[inline(always)]
-    pub fn is_inaudible(&self, extent: u32) -> bool {
-        extent <= self.floor as u32
-    }
-
     /// How far words that are so far out may swing, bus units.
     #[inline(always)]
     pub fn swing(&self, extent: u32) -> u64 {
@@ -212,8 +209,43 @@ pub struct State {
     right: [i64; 2],
 }
 
+/// A class's resonator. The assembly knows where its words are.
+#[derive(Clone, Copy, Debug)]
+#[repr(C)]
+pub struct Resonator {
+    /// Its words.
+    pub state: State,
+    /// How far they were out at the end of the last block, see [`State::extent`]; 0 at rest.
+    pub extent: u32,
+}
+
+impl Resonator {
+    /// At rest.
+    pub const SILENT: Self = Self {
+        state: State::SILENT,
+        extent: 0,
+    };
+
+    /// Whether it rings.
+    #[inline(always)]
+    pub fn rings(&self) -> bool {
+        self.extent > 0
+    }
+
+    /// Ends a block with words that are so far out: how far it may swing from here, bus units; 0 where it does not ring.
+    #[inline(always)]
+    pub fn settle(&mut self, tuning: &Tuning, extent: u32) -> u64 {
+        if extent <= tuning.floor as u32 {
+            *self = Self::SILENT;
+            return 0;
+        }
+        self.extent = extent;
+        tuning.swing(extent)
+    }
+}
+
 /// One bubble's strike.
-#[derive(Clone, Copy, Debug, Default)]
+#[derive(Clone, Copy, Debug)]
 #[repr(C)]
 pub struct Impulse {
     /// Pressure in the right ear, Q28 of a pascal.
@@ -224,6 +256,16 @@ pub struct Impulse {
     pub first: i32,
     /// The second one.
     pub second: i32,
+}
+
+impl Impulse {
+    /// No bubble.
+    pub const NONE: Self = Self {
+        right: 0,
+        left: 0,
+        first: 0,
+        second: 0,
+    };
 }
 
 /// What is added to the four words after one sample, Q32.32 of bus units.

@@ -26,3 +26,20 @@ pub struct Stats {
     /// Frames that the limiter had to clip; stays 0.
     pub clipped: u64,
 }
+
+impl Stats {
+    /// Nothing yet.
+    pub const NONE: Self = Self {
+        births: 0,
+        rising: 0,
+        events: 0,
+        stolen: 0,
+        unvoiced: 0,
+        dropped: 0,
+        too_high: 0,
+        late: 0,
+        overloads: 0,
+        limited: 0,
+        clipped: 0,
+    };
+}

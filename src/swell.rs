@@ -26,6 +26,14 @@ pub struct Swell {
 }
 
 impl Swell {
+    /// No wave, until another takes its place.
+    pub const OFF: Self = Self {
+        random: Random::OFF,
+        at: 0.0,
+        length: 0.0,
+        height: 0.0,
+    };
+
     /// Somewhere in a wave.
     pub fn new(seed: u64) -> Self {
         let mut random = Random::new(seed, Stream::Swell);

@@ -2,6 +2,7 @@
 
 use crate::control::Control;
 use crate::frame::{BLOCK, BLOCKS_PER_TICK, Block, Frame, TICK};
+use crate::kernel::voice::Ears;
 use crate::mix::{Mix, Output};
 use crate::observer::{Birth, Observer, Path};
 use crate::population::Population;
@@ -21,24 +22,38 @@ pub struct Synth<P: Profile> {
     frame: u64,
     /// Which of the update's strikes is next.
     next_strike: usize,
+    /// The version of the population's settings in force, see [`Update`].
+    water: u32,
 }
 
 impl<P: Profile> Synth<P> {
+    /// As it is before it starts. All of it is zero, so that a board need not keep it in flash.
+    pub const OFF: Self = Self {
+        population: Population::SILENT,
+        voices: Voices::new(P::IDLE),
+        mix: Mix::OFF,
+        stats: Stats::NONE,
+        frame: 0,
+        next_strike: 0,
+        water: 0,
+    };
+
     /// A silent instrument that starts with the settings of `control`.
     pub fn new(seed: u64, output: Output, control: &Control, sample_rate: u32) -> Self {
+        let mut synth = Self::OFF;
+        synth.start(seed, output, control, sample_rate);
+        synth
+    }
+
+    /// The same in place: on a board no stack would hold it on the way.
+    pub fn start(&mut self, seed: u64, output: Output, control: &Control, sample_rate: u32) {
         let sample_rate = f64::from(sample_rate);
-        let mut population = Population::new(seed, P::BIRTHS_PER_BLOCK, sample_rate);
+        (self.population).start(seed, P::BIRTHS_PER_BLOCK, sample_rate);
         for slice in control.slices() {
-            population.tune(&slice);
+            self.population.tune(&slice);
         }
-        Self {
-            population,
-            voices: Voices::new(P::voices()),
-            mix: Mix::new(output, seed, &control.mix(), sample_rate),
-            stats: Stats::default(),
-            frame: 0,
-            next_strike: 0,
-        }
+        self.voices.restart(P::make_room);
+        self.mix = Mix::new(output, seed, &control.mix(), sample_rate);
     }
 
     /// Takes what a tick of the control path changed, before the tick's first block. From here on the update is in
@@ -47,7 +62,10 @@ impl<P: Profile> Synth<P> {
         if let Some(slice) = &update.slice {
             self.population.tune(slice);
         }
-        self.population.apply(&update.water);
+        if update.version != self.water {
+            self.water = update.version;
+            self.population.apply(&update.water);
+        }
         if let Some(mix) = &update.mix {
             self.mix.apply(mix);
         }
@@ -56,15 +74,20 @@ impl<P: Profile> Synth<P> {
 
     /// Sounds a single bubble, counted from the next block's first frame.
     pub fn strike<O: Observer>(&mut self, strike: &Strike, observer: &mut O) {
-        let stats = &mut self.stats;
+        let Self { voices, stats, .. } = self;
         stats.births = stats.births.wrapping_add(1);
         stats.events = stats.events.wrapping_add(1);
         let path = if !strike.pitch.sounds() {
             stats.too_high = stats.too_high.wrapping_add(1);
             Path::TooHigh
         } else {
-            let voice = strike.pitch.start(strike.age, strike.delay, strike.gain);
-            match self.voices.start(voice) {
+            let Strike {
+                pitch,
+                delay,
+                age,
+                gain,
+            } = strike;
+            match voices.start(pitch, *delay, *age, *gain) {
                 Start::Sounds => Path::Voice,
                 Start::Stole => {
                     stats.stolen = stats.stolen.wrapping_add(1);
@@ -108,13 +131,9 @@ impl<P: Profile> Synth<P> {
         population.render(&update.water, self.frame, voices, stats, observer, block);
         if voices.sounding() > 0 {
             // Each source keeps itself within the bus; together they might pass it.
-            let mut ears = [[0; BLOCK]; 2];
+            let mut ears = Ears::new();
             voices.render(&mut ears);
-            let [left, right] = ears;
-            for (frame, (left, right)) in block.iter_mut().zip(left.into_iter().zip(right)) {
-                frame.left = frame.left.saturating_add(left);
-                frame.right = frame.right.saturating_add(right);
-            }
+            ears.add_to(block);
         }
         self.mix.render(block, stats);
         self.frame = self.frame.wrapping_add(BLOCK as u64);
@@ -130,9 +149,14 @@ impl<P: Profile> Synth<P> {
         self.voices.sounding()
     }
 
+    /// Classes that ring now.
+    pub fn ringing(&self) -> usize {
+        self.population.ringing()
+    }
+
     /// Whether no bubble rings.
     pub fn is_silent(&self) -> bool {
-        self.voices.sounding() == 0 && self.population.is_silent()
+        self.voices() == 0 && self.population.is_silent()
     }
 
     /// Frames rendered.
@@ -166,7 +190,7 @@ pub struct Instrument<P: Profile> {
 impl<P: Profile> Instrument<P> {
     /// Playing `scene` from its first frame.
     pub fn new(scene: &Scene, sample_rate: u32, seed: u64, output: Output) -> Self {
-        let mut control = Control::new(scene, sample_rate, P::MAX_RATE, seed);
+        let mut control = Control::new(scene, sample_rate, P::LIMITS, seed);
         let mut updates = [P::update(), P::update()];
         control.tick(updates[1].as_mut());
         Self {

@@ -12,7 +12,7 @@ use freshet::mix::Output;
 use freshet::observer::{Birth, Crowd, Observer};
 use freshet::param;
 use freshet::population;
-use freshet::profile::Profile;
+use freshet::profile::{Limits, Profile};
 use freshet::scene::Scene;
 use freshet::stats::Stats;
 use freshet::voices::Voice;
@@ -844,12 +844,13 @@ struct Small;
 impl Profile for Small {
     const NAME: &'static str = "small";
     const VOICES: usize = 32;
-    const MAX_RATE: f32 = 30_000.0;
+    const LIMITS: Limits = Limits {
+        rate: 30_000.0,
+        classes: 64,
+    };
     const BIRTHS_PER_BLOCK: u32 = 25;
     type Voices = [Voice; 32];
-    fn voices() -> Self::Voices {
-        [Voice::default(); 32]
-    }
+    const IDLE: Self::Voices = [Voice::IDLE; 32];
     type Update = Update<[population::Crowd; 1]>;
     fn update() -> Self::Update {
         Update::new()
@@ -896,7 +897,10 @@ fn a_board_has_its_most_births_and_no_more_and_is_never_late() {
         }
         let stats = player.stats();
         let seconds = (ticks * TICK) as f64 / f64::from(HZ);
-        let off = sigmas(stats.births as f64, f64::from(board.max_rate()) * seconds);
+        let off = sigmas(
+            stats.births as f64,
+            f64::from(board.limits().rate) * seconds,
+        );
         println!(
             "{}: {} births in {seconds} s ({off:+.2} sigma), {} late, {} overloads",
             board.name(),

@@ -155,7 +155,7 @@ fn another_scene_moves_from_the_tick_on_in_which_its_radii_are_heard() {
 /// As a board does it: two updates change places between the two paths. In the ticks that `late` names, control has
 /// nothing ready.
 fn on_a_board(text: &str, ticks: usize, late: &[usize]) -> Vec<Frame> {
-    let mut control = Control::new(&scene(text), HZ, F407::MAX_RATE, 5);
+    let mut control = Control::new(&scene(text), HZ, F407::LIMITS, 5);
     let mut synth = Synth::<F407>::new(5, Output::Bits24, &control, HZ);
     let (mut one, mut two) = (F407::update(), F407::update());
     let (mut live, mut next) = (&mut one, &mut two);

@@ -1,8 +1,7 @@
 //! Whatever comes in, nothing breaks: lines, frames, banks and stored settings made of noise and of what is nearly right.
 //!
-//! Each test runs its corpus (`tests/__fuzz__/NAME/corpus`) and then so many random inputs; a failure names its seed. More:
-//! `BOLERO_RANDOM_ITERATIONS=1000000000 cargo test --release --test fuzz`, or guided by coverage
-//! `cargo bolero test --test fuzz NAME` (cargo-bolero).
+//! Each test runs its corpus (`tests/__fuzz__/NAME/corpus`) and then so many random inputs; a failure names its seed.
+//! A long run: `BOLERO_RANDOM_ITERATIONS=1000000000 cargo test --release --test fuzz`.
 
 use bolero::check;
 use freshet::bank::{Bank, Boot, HEADER, checksum};
@@ -144,7 +143,7 @@ impl Bare {
     fn new() -> Self {
         let scene = Scene::default();
         Self {
-            control: Control::new(&scene, 48_000, F411::MAX_RATE, 1),
+            control: Control::new(&scene, 48_000, F411::LIMITS, 1),
             scenes: [("brook", scene.clone()), ("river", scene)],
             kept: [const { None }; 17],
             playing: 0,

@@ -228,13 +228,16 @@ fn what_is_stored_comes_back() {
     let mut twin = twin();
     ask(&mut twin, "scene light-rain");
     ask(&mut twin, "set water.rate=123 mix.level=-9 ramp=0");
-    assert_eq!(ask(&mut twin, "store 3 my rain"), ["ok store 3 my rain"]);
-    assert_eq!(ask(&mut twin, "store"), ["ok store"]);
+    let answer = ask(&mut twin, "store 3 my rain");
+    assert!(answer[0].starts_with("pause of about 501 ms at "));
+    assert!(answer[1].starts_with("ok store 3 my rain at "));
+    assert!(ask(&mut twin, "store")[1].starts_with("ok store at "));
     ask(&mut twin, "scene river");
     let presets = ask(&mut twin, "presets");
     assert_eq!(presets[0], "settings = over light-rain");
     assert_eq!(presets[1], "preset 3 = my rain (over light-rain)");
     let answer = ask(&mut twin, "recall 3");
+    assert_eq!(answer[0], "scene 6 = light-rain (plays)");
     assert!(answer.contains(&"mix.level = -9 dB".to_owned()));
     assert!(
         answer
@@ -252,10 +255,13 @@ fn what_is_stored_comes_back() {
     );
 
     assert_eq!(ask(&mut twin, "boot"), ["boot = default", "ok boot"]);
-    assert_eq!(ask(&mut twin, "boot preset 3"), ["ok boot preset 3"]);
+    assert!(ask(&mut twin, "boot preset 3")[1].starts_with("ok boot preset 3 at "));
     ask(&mut twin, "restart");
-    twin.render(&mut [Frame::ZERO; TICK]);
-    twin.take();
+    twin.render(&mut [Frame::ZERO; 100 * TICK]);
+    let greeting = String::from_utf8(twin.take()).expect("text");
+    assert!(greeting.contains("mix.level = -9 dB\n"));
+    let last = greeting.lines().last().unwrap_or_default();
+    assert!(last.ends_with("at=128 scene=light-rain"), "{greeting}");
     assert_eq!(twin.device().control().get(rate), 123.0);
     ask(&mut twin, "erase 3");
     assert_eq!(
@@ -274,6 +280,8 @@ fn a_command_is_repeated_as_it_can_be_given_again() {
         "trigger 2.5 0.1",
         "mute off",
         "store 3 my rain",
+        "store",
+        "store 0 evening",
         "recall 0",
         "boot scene river",
         "boot settings",
@@ -414,4 +422,30 @@ fn the_splitter_gives_back_every_frame_whatever_is_in_it() {
         }
         assert_eq!(found, 1);
     }
+}
+
+/// Bytes as docs/protocol.md shows them.
+fn shown(bytes: &[u8]) -> String {
+    let bytes: Vec<String> = bytes.iter().map(|byte| format!("{byte:02x}")).collect();
+    bytes.join(" ")
+}
+
+#[test]
+fn the_frames_of_the_documentation_are_true() {
+    let docs = std::fs::read_to_string(concat!(env!("CARGO_MANIFEST_DIR"), "/docs/protocol.md"));
+    let docs = docs.expect("docs/protocol.md");
+    let mut bytes = [0; 512];
+    let mut check = |message: &dyn Fn(&mut [u8]) -> usize| {
+        let length = message(&mut bytes);
+        let shown = shown(&bytes[..length]);
+        assert!(docs.contains(&shown), "not in docs/protocol.md: {shown}");
+    };
+    let set = Request::Set {
+        values: [(501, -6.0)].into_iter().collect(),
+        ramp: None,
+    };
+    check(&|out| encode(&(1 as Tag, &set), out).expect("it fits"));
+    let done = Reply::Done { at: Some(51_200) };
+    check(&|out| encode(&(1 as Tag, &done), out).expect("it fits"));
+    check(&|out| encode(&(2 as Tag, &Request::Hello), out).expect("it fits"));
 }

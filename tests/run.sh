@@ -18,6 +18,8 @@ RUSTDOCFLAGS='--deny warnings' step cargo doc --no-deps
 for board in f407 f411 h743; do
     step cargo clippy --profile firmware --package freshet-firmware --target "$target" \
         --no-default-features --features "$board,rtt" -- --deny warnings
+    step cargo clippy --profile firmware --package freshet-firmware --target "$target" \
+        --no-default-features --features "$board,usb" -- --deny warnings
     step cargo "field-$board"
     step cargo "build-$board"
 done

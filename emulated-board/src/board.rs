@@ -11,7 +11,7 @@ use std::sync::mpsc::{Receiver, Sender, channel};
 use std::thread::JoinHandle;
 use std::time::Duration;
 
-use rigless::device::{Level, ResetCause};
+use rigless::device::ResetCause;
 use rigless::emulator::{self, AccessKind, Driver, Hit, Host, Settled, Start, Stop, Watch};
 use rigless::image::Image;
 use rigless::mcu::Operate;
@@ -508,10 +508,9 @@ impl Board {
     ///
     /// An emulator that has stopped.
     pub fn button(&mut self, pressed: bool) -> Result<(), Error> {
-        let level = Level::from(pressed);
         self.with(move |core| {
             let at = core.stop.at;
-            core.part().button(at, level);
+            core.part().button(at, pressed);
         })
     }
 
@@ -528,6 +527,16 @@ impl Board {
     /// What the firmware sent on the serial line since the last call.
     pub fn serial_take(&mut self) -> Vec<u8> {
         std::mem::take(&mut self.record.lock().sent)
+    }
+
+    /// Has the firmware's serial port run at another rate than it chose: a bit takes `clocks` of the port's clock, until
+    /// the firmware sets it again.
+    ///
+    /// # Errors
+    ///
+    /// An emulator that has stopped.
+    pub fn serial_divider(&mut self, clocks: u32) -> Result<(), Error> {
+        self.with(move |core| core.part().serial_divider(clocks))
     }
 
     /// Garbles this many of a million bytes the firmware receives, each with a framing error.

@@ -14,17 +14,20 @@ pub(crate) const I2S_KERNEL: usize = 1000;
 pub(crate) struct Clocks {
     rcc: Rcc,
     crystal_hz: u64,
+    own_divider: bool,
     kernel_mhz: u64,
 }
 
 impl Clocks {
-    /// A tree with a crystal of `crystal_hz`; at 0 it never starts.
-    pub(crate) fn new(crystal_hz: u64) -> Self {
+    /// A tree with a crystal of `crystal_hz`; at 0 it never starts. `own_divider`: the PLLI2S has one for its input, as
+    /// the F411's, and does not share the main PLL's.
+    pub(crate) fn new(crystal_hz: u64, own_divider: bool) -> Self {
         let mut rcc = Rcc::new();
         rcc.attach_crystals(crystal_hz, 0);
         Self {
             rcc,
             crystal_hz,
+            own_divider,
             kernel_mhz: 0,
         }
     }
@@ -52,6 +55,7 @@ impl Clocks {
         }
         let mhz = kernel_mhz(
             self.crystal_hz,
+            self.own_divider,
             registers.get(Register::Cr),
             registers.get(Register::Pllcfgr),
             registers.get(Register::Plli2scfgr),
@@ -66,8 +70,17 @@ impl Clocks {
 
 /// The kernel clock of the I2S in mHz: the R output of the PLLI2S, RM0090 7.3.23. 0 while the PLL is
 /// not ready, or where `I2SSRC` selects the pin, which nothing drives.
-fn kernel_mhz(crystal_hz: u64, cr: u64, pllcfgr: u64, plli2scfgr: u64, cfgr: u64) -> u64 {
-    let (m, r) = (PLLM.get(pllcfgr), plli2scfgr::PLLI2SRX.get(plli2scfgr));
+fn kernel_mhz(
+    crystal_hz: u64,
+    own_divider: bool,
+    cr: u64,
+    pllcfgr: u64,
+    plli2scfgr: u64,
+    cfgr: u64,
+) -> u64 {
+    // RM0383 6.3.20: PLLI2SM stands where PLLCFGR has PLLM.
+    let m = PLLM.get(if own_divider { plli2scfgr } else { pllcfgr });
+    let r = plli2scfgr::PLLI2SRX.get(plli2scfgr);
     if !cr::PLLI2SRDY.is_set(cr) || cfgr::I2SSRC.is_set(cfgr) || m == 0 || r == 0 {
         return 0;
     }
@@ -123,26 +136,27 @@ mod tests {
         let pll = |m: u64| m | pllcfgr::PLLSRC.mask();
         let plli2s = |n: u64, r: u64| n << 6 | r << 28;
         assert_eq!(
-            kernel_mhz(8_000_000, ready, pll(5), plli2s(192, 5), 0),
+            kernel_mhz(8_000_000, false, ready, pll(5), plli2s(192, 5), 0),
             61_440_000_000
         );
         assert_eq!(
-            kernel_mhz(8_000_000, ready, pll(8), plli2s(258, 3), 0),
+            kernel_mhz(8_000_000, false, ready, pll(8), plli2s(258, 3), 0),
             86_000_000_000
         );
         assert_eq!(
-            kernel_mhz(8_000_000, 0, pll(5), plli2s(192, 5), 0),
+            kernel_mhz(8_000_000, false, 0, pll(5), plli2s(192, 5), 0),
             0,
             "not locked"
         );
         assert_eq!(
-            kernel_mhz(0, ready, pll(5), plli2s(192, 5), 0),
+            kernel_mhz(0, false, ready, pll(5), plli2s(192, 5), 0),
             0,
             "no crystal"
         );
         assert_eq!(
             kernel_mhz(
                 8_000_000,
+                false,
                 ready,
                 pll(5),
                 plli2s(192, 5),
@@ -151,9 +165,14 @@ mod tests {
             0
         );
         assert_eq!(
-            kernel_mhz(0, ready, 16, plli2s(192, 5), 0),
+            kernel_mhz(0, false, ready, 16, plli2s(192, 5), 0),
             38_400_000_000,
             "from the HSI"
+        );
+        assert_eq!(
+            kernel_mhz(25_000_000, true, ready, pll(7), plli2s(384, 5) | 25, 0),
+            76_800_000_000,
+            "its own divider"
         );
     }
 }

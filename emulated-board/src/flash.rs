@@ -11,8 +11,6 @@ use rigless::time::{EventId, VirtualNanos};
 
 /// Where the array starts.
 pub(crate) const BASE: u32 = 0x0800_0000;
-/// Its size on an STM32F407VG, bytes.
-pub(crate) const SIZE: u32 = 1 << 20;
 
 /// The instance's one interrupt.
 const GLOBAL: usize = 0;
@@ -33,7 +31,7 @@ const ERASE_MS: [[u64; 3]; 4] = [
 /// Option bytes are a sector of their own: the time of a small one.
 const OPTIONS_NANOS: u64 = 250_000_000;
 
-/// The sectors of the array, first address and bytes: four of 16 kB, one of 64 kB, seven of 128 kB.
+/// The sectors of the largest array, first address and bytes: four of 16 kB, one of 64 kB, seven of 128 kB.
 pub(crate) fn sector(number: u64) -> Option<(u32, u32)> {
     const KB: u32 = 1024;
     let number = u32::try_from(number).ok()?;
@@ -87,13 +85,15 @@ pub(crate) struct Flash {
     option_keys: Lock,
     control: u64,
     options: u32,
+    /// The array, bytes.
+    size: u32,
     running: Option<(EventId, Operation)>,
     interrupt: Level,
 }
 
 impl Flash {
     /// An interface whose option bytes are `options`, as `OPTCR` shows them.
-    pub(crate) fn new(options: u32, registers: &mut RegisterFile) -> Self {
+    pub(crate) fn new(options: u32, size: u32, registers: &mut RegisterFile) -> Self {
         registers.set(
             R::Optcr,
             u64::from(options) & !optcr::OPTSTRT.mask() | optcr::OPTLOCK.mask(),
@@ -103,6 +103,7 @@ impl Flash {
             option_keys: Lock::default(),
             control: cr::LOCK.mask(),
             options,
+            size,
             running: None,
             interrupt: Level::Low,
         }
@@ -147,9 +148,11 @@ impl Flash {
         if cr::STRT.is_set(value) {
             let size = usize::try_from(cr::PSIZE.get(value)).unwrap_or(0).min(2);
             let erase = if cr::MER.is_set(value) {
-                Some((BASE, SIZE, 3))
+                Some((BASE, self.size, 3))
             } else if cr::SER.is_set(value) {
-                sector(cr::SNB.get(value)).map(|(start, bytes)| {
+                let sector = sector(cr::SNB.get(value));
+                let within = sector.filter(|(start, _)| *start < BASE + self.size);
+                within.map(|(start, bytes)| {
                     let row = match bytes >> 10 {
                         16 => 0,
                         64 => 1,
@@ -354,7 +357,7 @@ mod tests {
             assert_eq!(start, next, "sector {number}");
             next += bytes;
         }
-        assert_eq!(next, BASE + SIZE);
+        assert_eq!(next, BASE + (1 << 20));
         assert_eq!(sector(12), None);
     }
 
@@ -373,7 +376,7 @@ mod tests {
 
     #[test]
     fn a_cut_erase_is_neither_old_nor_new() {
-        let mut array = vec![0; SIZE as usize];
+        let mut array = vec![0; 1 << 20];
         let erase = Operation::Erase {
             start: BASE + 0x4000,
             bytes: 0x4000,

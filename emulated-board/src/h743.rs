@@ -83,7 +83,7 @@ pub(crate) struct H743 {
     pins: Pins,
     /// 0 for a clock that does not start.
     crystal_hz: u64,
-    button: Level,
+    pressed: bool,
     slots: Slots,
 }
 
@@ -126,13 +126,13 @@ impl H743 {
             watchdog: Watchdog::default(),
             pins: Pins {
                 exti: Exti::new(generated::SYSCFG.base),
-                wires: Wires::new(record, &LEDS, fittings.codec, None),
+                wires: Wires::new(record, &LEDS, Level::High, fittings.codec, None),
             },
             crystal_hz: fittings.crystal_hz,
-            button: Level::Low,
+            pressed: false,
             slots,
         };
-        part.button(VirtualNanos(0), Level::Low);
+        part.button(VirtualNanos(0), false);
         part.check()?;
         Ok(part)
     }
@@ -167,7 +167,7 @@ impl Mcu for H743 {
         self.watchdog.reset();
         self.pins.exti = Exti::new(generated::SYSCFG.base);
         self.pins.wires.restarted(at);
-        self.button(at, self.button);
+        self.button(at, self.pressed);
     }
 
     fn poll(&mut self, now: VirtualNanos) {
@@ -237,6 +237,12 @@ impl Part for H743 {
         }
     }
 
+    fn serial_divider(&mut self, clocks: u32) {
+        let slot = self.part.bus().slot_of("USART3").unwrap_or_default();
+        let registers = self.part.bus_mut().slot_mut(slot).registers_mut();
+        registers.set(generated::usart1::Register::Brr, u64::from(clocks));
+    }
+
     fn garble_serial(&mut self, per_million: u32) {
         let errors = self.part.usart[SERIAL].errors_mut();
         errors.framing = rigless::chip::uart::Rate {
@@ -245,12 +251,12 @@ impl Part for H743 {
         };
     }
 
-    fn button(&mut self, at: VirtualNanos, level: Level) {
-        self.button = level;
+    fn button(&mut self, at: VirtualNanos, pressed: bool) {
+        self.pressed = pressed;
         let (port, pin) = BUTTON;
         if let Some(pin) = Pin::new(pin) {
             self.part.drive_port(at, port, |port, registers, context| {
-                port.drive(pin, Some(level), registers, context);
+                port.drive(pin, Some(Level::from(pressed)), registers, context);
             });
         }
     }

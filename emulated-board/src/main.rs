@@ -62,6 +62,7 @@ struct Play {
 #[derive(Clone, Copy, ValueEnum)]
 enum ChipName {
     F407,
+    F411,
     H743,
 }
 
@@ -69,6 +70,7 @@ impl From<ChipName> for Chip {
     fn from(name: ChipName) -> Self {
         match name {
             ChipName::F407 => Self::F407,
+            ChipName::F411 => Self::F411,
             ChipName::H743 => Self::H743,
         }
     }

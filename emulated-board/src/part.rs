@@ -2,7 +2,6 @@
 
 use std::num::NonZeroU64;
 
-use rigless::device::Level;
 use rigless::emulator::CoreSpec;
 use rigless::machine::{self, Target};
 use rigless::mcu::Mcu;
@@ -11,17 +10,19 @@ use rigless::soc::Error;
 use rigless::time::VirtualNanos;
 
 use crate::codec::Codec;
-use crate::f407::F407;
-use crate::flash;
+use crate::f4::F4;
 use crate::h743::H743;
 use crate::record::Shared;
 use crate::warm::warm;
+use crate::{f407, f411, flash, h743};
 
 /// The microcontrollers emulated here.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Chip {
     /// The STM32F407VG of an STM32F407G-DISC1: 168 MHz, codec on board.
     F407,
+    /// The STM32F411CE of a Black Pill: 96 MHz.
+    F411,
     /// The STM32H743ZI of a Nucleo-H743ZI2: 480 MHz.
     H743,
 }
@@ -46,8 +47,9 @@ pub(crate) struct Facts {
 impl Chip {
     pub(crate) fn facts(self) -> &'static Facts {
         match self {
-            Self::F407 => &crate::f407::FACTS,
-            Self::H743 => &crate::h743::FACTS,
+            Self::F407 => &f407::SHEET.facts,
+            Self::F411 => &f411::SHEET.facts,
+            Self::H743 => &h743::FACTS,
         }
     }
 }
@@ -70,10 +72,12 @@ pub(crate) trait Part: Mcu + Send + std::fmt::Debug {
     fn power_on(&mut self);
     /// Types `bytes` on the serial line.
     fn type_serial(&mut self, bytes: &[u8]);
+    /// Has a bit on the serial line take this many clocks of the port, both ways.
+    fn serial_divider(&mut self, clocks: u32);
     /// Has this many words in a million arrive garbled on the serial line, each with a framing error.
     fn garble_serial(&mut self, per_million: u32);
-    /// Drives the user button's pin.
-    fn button(&mut self, at: VirtualNanos, level: Level);
+    /// Presses the user button, or lets go of it.
+    fn button(&mut self, at: VirtualNanos, pressed: bool);
     /// Cuts an interrupt's line until an instant; answers whether the part can.
     fn cut_interrupt(&mut self, at: VirtualNanos, line: u16, until: VirtualNanos) -> bool;
     /// What is being done to the flash array, which the core waits for.
@@ -98,7 +102,8 @@ impl Machine {
         instructions_per_second: NonZeroU64,
     ) -> Result<Self, Error> {
         let part: Box<dyn Part> = match chip {
-            Chip::F407 => Box::new(F407::new(fittings)?),
+            Chip::F407 => Box::new(F4::new(&f407::SHEET, fittings)?),
+            Chip::F411 => Box::new(F4::new(&f411::SHEET, fittings)?),
             Chip::H743 => Box::new(H743::new(fittings)?),
         };
         Ok(Self {

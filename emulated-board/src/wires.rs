@@ -59,6 +59,8 @@ pub(crate) const INSTANCE: Peripheral = Peripheral {
 pub(crate) struct Wires {
     record: Shared,
     leds: &'static [PinName],
+    /// What lights one.
+    lit: Level,
     codec: Codec,
     codec_reset: Option<PinName>,
     /// What the peripherals drive on each line.
@@ -71,6 +73,7 @@ impl Wires {
     pub(crate) fn new(
         record: Shared,
         leds: &'static [PinName],
+        lit: Level,
         codec: Codec,
         codec_reset: Option<PinName>,
     ) -> Self {
@@ -78,6 +81,7 @@ impl Wires {
         Self {
             record,
             leds,
+            lit,
             codec,
             codec_reset,
             driven: [Level::Low; LINES],
@@ -103,8 +107,9 @@ impl Wires {
             return;
         };
         let pin = (port, change.request);
-        let (at, on) = (Duration::from_nanos(at.0), change.level == Level::High);
+        let at = Duration::from_nanos(at.0);
         if let Some(led) = self.leds.iter().position(|led| *led == pin) {
+            let on = change.level == self.lit;
             let mut record = self.record.lock();
             if record.leds[led] != on {
                 record.leds[led] = on;
@@ -112,7 +117,7 @@ impl Wires {
             }
         }
         if self.codec_reset == Some(pin) {
-            self.codec.reset_pin(on, at);
+            self.codec.reset_pin(change.level == Level::High, at);
         }
     }
 

@@ -12,7 +12,7 @@ use freshet_host::scene_file::SceneFile;
 
 /// What renders a block, and the DMA's interrupt.
 const PLAY: &str = "freshet_firmware::audio::Player::play";
-const DMA: u16 = 16;
+const DMA: u16 = 47;
 /// Lights: alive, clip, late, trouble.
 const LATE: usize = 2;
 const TROUBLE: usize = 3;
@@ -217,6 +217,59 @@ fn a_crash_leaves_a_record_that_survives_the_reset() {
     println!("{text}");
 }
 
+/// `push {r0-r7}`, and again.
+const OVERFLOW: [u8; 4] = [0xff, 0xb4, 0xfd, 0xe7];
+
+#[test]
+fn a_stack_that_overflows_leaves_a_record_too() {
+    let scene = steady();
+    for function in [
+        // As it starts, and while it plays: at the bottom of the stack, and above all else.
+        "freshet_firmware::control::start_synth",
+        "freshet_firmware::control::tick",
+        PLAY,
+    ] {
+        let mut board = board(&[("steady", scene.clone())], 6, Setup::default());
+        if function != "freshet_firmware::control::start_synth" {
+            board.run(START).expect("it runs");
+        }
+        let elf = elf("f407");
+        let address = elf.function(function).expect("it is there").address;
+        let was = board.read(address, OVERFLOW.len()).expect("it is flash");
+        board.write(address, &OVERFLOW).expect("it is flash");
+        board
+            .run_until(SECOND, |board| {
+                board.resets().is_ok_and(|resets| resets.len() == 2)
+            })
+            .expect("a reset");
+        board.write(address, &was).expect("mended");
+        board.run(SECOND).expect("it runs");
+        assert_eq!(causes(&mut board), [Cause::PowerOn, Cause::Software]);
+        let record = board.read_symbol("BLACKBOX").expect("it is there");
+        let text = String::from_utf8_lossy(&record[12..]).into_owned();
+        assert!(
+            text.starts_with("the stack overflowed"),
+            "{function}: {text}"
+        );
+    }
+}
+
+#[test]
+fn a_start_that_hangs_is_cut_short_by_the_watchdog() {
+    let mut board = board(&[("steady", steady())], 6, Setup::default());
+    let (address, was) = board
+        .hang("freshet_firmware::control::start_synth")
+        .expect("it hangs");
+    board
+        .run_until(4 * SECOND, |board| {
+            board.resets().is_ok_and(|resets| resets.len() == 2)
+        })
+        .expect("a reset");
+    board.write(address, &was).expect("mended");
+    board.run(SECOND).expect("it runs");
+    assert_eq!(causes(&mut board), [Cause::PowerOn, Cause::Watchdog]);
+}
+
 #[test]
 fn a_panic_leaves_its_message() {
     let scene = steady();
@@ -304,7 +357,7 @@ fn the_button_steps_to_the_next_scene_as_the_desk_does() {
     let played = from_first_sound(&board.take_audio()).to_vec();
     let total = played.len();
     // It acts at a tick; which one, the sound tells.
-    let same = (60..240).find(|tick| {
+    let same = (240..960).find(|tick| {
         let mut player =
             freshet_host::board::Board::F407.player(&one, 48_000, 8, freshet::mix::Output::Bits24);
         let mut out = vec![freshet::Frame::ZERO; total + 24_000];

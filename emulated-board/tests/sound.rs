@@ -11,14 +11,16 @@ use freshet_host::built_in::SCENES;
 
 /// Scenes that are played with three seeds; the others with one.
 const THRICE: [&str; 4] = ["cave-drip", "light-rain", "surf", "waterfall"];
-/// Sound compared, frames.
-const FRAMES: usize = 2 * RATE as usize;
 
-fn compare(board: Desk, name: &str, seed: u64) {
+/// Compares so many seconds of sound.
+fn compare(board: Desk, name: &str, seed: u64, seconds: u64) {
+    let frames = RATE as usize * seconds as usize;
     let scene = scene(name);
     let what = board;
     let mut board = chip(what, &[(name, scene.clone())], seed, unhurried());
-    board.run(START + Duration::from_secs(2)).expect("it runs");
+    board
+        .run(START + Duration::from_secs(seconds))
+        .expect("it runs");
     let rate = board.sample_rate().expect("the clocks run");
     assert!(
         (rate / f64::from(RATE) - 1.0).abs() < 20e-6,
@@ -32,9 +34,9 @@ fn compare(board: Desk, name: &str, seed: u64) {
     );
     let start = board.first_sound().expect("it sounds");
     let played = board.take_audio();
-    let expected = desk(what, &scene, seed, FRAMES);
+    let expected = desk(what, &scene, seed, frames);
     let (played, expected) = (from_first_sound(&played), from_first_sound(&expected));
-    assert!(expected.len() > FRAMES / 2, "{name} begins late");
+    assert!(expected.len() > frames / 2, "{name} begins late");
     assert!(
         played.len() >= expected.len(),
         "{name}: sound from {start:?} on"
@@ -53,22 +55,29 @@ fn compare(board: Desk, name: &str, seed: u64) {
 #[test]
 fn the_board_plays_every_scene_as_the_desk_does() {
     for (name, _) in SCENES {
-        compare(Desk::F407, name, 1);
+        compare(Desk::F407, name, 1, 2);
     }
 }
 
 #[test]
 fn and_so_it_does_with_other_seeds() {
     for name in THRICE {
-        compare(Desk::F407, name, 2);
-        compare(Desk::F407, name, u64::MAX);
+        compare(Desk::F407, name, 2, 2);
+        compare(Desk::F407, name, u64::MAX, 2);
+    }
+}
+
+#[test]
+fn the_f411_plays_as_the_desk_does_with_its_capacities() {
+    for name in ["light-rain", "river"] {
+        compare(Desk::F411, name, 1, 1);
     }
 }
 
 #[test]
 fn the_h743_plays_as_the_desk_does_with_its_capacities() {
     for name in ["cave-drip", "surf", "waterfall"] {
-        compare(Desk::H743, name, 1);
+        compare(Desk::H743, name, 1, 2);
     }
 }
 

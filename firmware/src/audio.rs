@@ -1,6 +1,6 @@
 //! The audio task: above everything but the DMA's interrupt, it turns what control left into blocks.
 
-use core::cell::RefCell;
+use core::cell::{Cell, RefCell};
 use core::sync::atomic::{AtomicU32, Ordering::Relaxed};
 
 use critical_section::Mutex;
@@ -9,6 +9,7 @@ use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_sync::signal::Signal;
 use freshet::frame::BLOCKS_PER_TICK;
 use freshet::profile::Profile;
+use freshet::stats::Stats;
 use freshet::{BLOCK, Block, Frame, Synth};
 
 use crate::board::Capacity;
@@ -20,8 +21,6 @@ use crate::supervisor::{self, Client};
 pub static EXECUTOR: InterruptExecutor = InterruptExecutor::new();
 /// Cycles of a block.
 pub static METER: Meter = Meter::new();
-/// Frames that the limiter had to clip.
-pub static CLIPPED: AtomicU32 = AtomicU32::new(0);
 /// Ticks for which control had nothing ready.
 static MISSED: AtomicU32 = AtomicU32::new(0);
 
@@ -34,6 +33,24 @@ pub type Update = <Capacity as Profile>::Update;
 /// The update of the next tick, and the one that is no longer in force: they change places.
 static READY: Mutex<RefCell<Option<&'static mut Update>>> = Mutex::new(RefCell::new(None));
 static DONE: Signal<CriticalSectionRawMutex, &'static mut Update> = Signal::new();
+
+/// How the audio path stood when this tick began.
+#[derive(Clone, Copy)]
+pub struct Moment {
+    /// The tick's first frame.
+    pub frame: u64,
+    /// What was counted.
+    pub stats: Stats,
+    /// Voices sounding.
+    pub voices: u16,
+}
+
+static MOMENT: Mutex<Cell<Option<Moment>>> = Mutex::new(Cell::new(None));
+
+/// How the audio path stood when this tick began; none before the first.
+pub fn moment() -> Option<Moment> {
+    critical_section::with(|cs| MOMENT.borrow(cs).get())
+}
 
 /// Hands over the update of the next tick, and waits until it is in force; returns the one that was before.
 pub async fn exchange(update: &'static mut Update) -> &'static mut Update {
@@ -103,12 +120,20 @@ impl Player {
             self.fade = fade_in(&mut block, self.fade);
         }
         i2s::hand_in(&block);
-        CLIPPED.store(self.synth.stats().clipped as u32, Relaxed);
     }
 
     /// Takes what control computed for this tick.
     fn take_tick(&mut self) {
-        let Some(next) = critical_section::with(|cs| READY.borrow_ref_mut(cs).take()) else {
+        let moment = Moment {
+            frame: self.synth.frame(),
+            stats: *self.synth.stats(),
+            voices: self.synth.voices() as u16,
+        };
+        let next = critical_section::with(|cs| {
+            MOMENT.borrow(cs).set(Some(moment));
+            READY.borrow_ref_mut(cs).take()
+        });
+        let Some(next) = next else {
             MISSED.fetch_add(1, Relaxed);
             return;
         };

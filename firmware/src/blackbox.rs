@@ -1,5 +1,6 @@
 //! What a crash leaves behind: a record in RAM that a reset does not clear, read at the next start.
 
+use core::arch::global_asm;
 use core::cell::UnsafeCell;
 use core::fmt::Write;
 use core::mem::MaybeUninit;
@@ -7,7 +8,7 @@ use core::panic::PanicInfo;
 
 use cortex_m::peripheral::SCB;
 
-use crate::log;
+use crate::{log, stack};
 
 /// Tells a record from what RAM holds after power-on.
 const MAGIC: u32 = 0xdead_f1a5;
@@ -42,21 +43,20 @@ impl Record {
     }
 }
 
-/// Reports the record of the last crash, if there is one, and takes it away. True where there was.
-pub fn report() -> bool {
-    // SAFETY: every pattern of bits is a Record; nothing else touches it at the start.
+/// What the last crash before this start said. Call once, at the start: the next start is told nothing of it.
+pub fn take() -> Option<&'static str> {
+    // SAFETY: every pattern of bits is a Record; after this only a crash writes to it, which does not return.
     let record = unsafe { &mut *BLACKBOX.0.get().cast::<Record>() };
     let valid =
         record.magic == MAGIC && record.length as usize <= TEXT && record.check == record.sum();
     record.magic = 0;
+    let text = &record.text[..record.length as usize % (TEXT + 1)];
+    // A character that found no room whole is left out.
+    let text = text.utf8_chunks().next().map_or("", |chunk| chunk.valid());
     if valid {
-        let text = &record.text[..record.length as usize];
-        log::error!(
-            "crashed before: {}",
-            core::str::from_utf8(text).unwrap_or("?")
-        );
+        log::error!("crashed before: {}", text);
     }
-    valid
+    valid.then_some(text)
 }
 
 /// Writes into the record until it is full.
@@ -94,11 +94,36 @@ fn panic(info: &PanicInfo<'_>) -> ! {
     crash(format_args!("{info}"))
 }
 
-#[cortex_m_rt::exception]
-unsafe fn HardFault(frame: &cortex_m_rt::ExceptionFrame) -> ! {
-    crash(format_args!(
-        "hard fault at {:#x}, called from {:#x}",
-        frame.pc(),
-        frame.lr()
-    ))
+// A stack that overflowed holds no frame, and none of a handler's: it is begun anew, which loses nothing that this needs.
+global_asm!(
+    ".section .HardFaultTrampoline, \"ax\"",
+    ".global HardFault",
+    ".type HardFault, %function",
+    ".thumb_func",
+    "HardFault:",
+    "mov r0, sp",
+    "ldr r1, ={end}",
+    "cmp r0, r1",
+    "bhs 1f",
+    "ldr r1, ={start}",
+    "mov sp, r1",
+    "movs r0, #0",
+    "1: b {handler}",
+    ".size HardFault, . - HardFault",
+    ".text",
+    end = sym stack::_stack_end,
+    start = sym stack::_stack_start,
+    handler = sym hard_fault,
+);
+
+/// `frame` is none where the stack overflowed.
+extern "C" fn hard_fault(frame: Option<&cortex_m_rt::ExceptionFrame>) -> ! {
+    match frame {
+        Some(frame) => crash(format_args!(
+            "hard fault at {:#x}, called from {:#x}",
+            frame.pc(),
+            frame.lr()
+        )),
+        None => crash(format_args!("the stack overflowed")),
+    }
 }

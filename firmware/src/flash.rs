@@ -52,6 +52,11 @@ impl Scenes {
         self.0.map_or(0, |bank| bank.boot().scene)
     }
 
+    /// The number of the scene of that name.
+    pub fn number_of(&self, name: &str) -> Option<u16> {
+        (0..self.count()).find(|number| self.scene(*number).0 == name)
+    }
+
     /// The seed of the sound: the bank's, or else the chip's own number.
     pub fn seed(&self) -> u64 {
         self.0

@@ -3,7 +3,7 @@
 //!
 //! ```text
 //! scenes in flash ─► control ─(the Control itself, once a tick)─► audio ─► i2s ─► DAC
-//!          button ─►    └──────────── checks in ──► supervisor ◄── checks in ──┘
+//!  serial, button ─►    └──────────── checks in ──► supervisor ◄── checks in ──┘
 //! ```
 #![no_std]
 
@@ -14,12 +14,19 @@ mod blackbox;
 mod board;
 mod clock;
 mod control;
+mod device;
+mod dma;
 mod flash;
 mod i2s;
 mod meter;
+mod serial;
 mod stack;
+mod storage;
 mod supervisor;
+#[cfg(feature = "usb")]
+mod usb;
 
+use device::Past;
 use embassy_executor::Spawner;
 
 #[embassy_executor::main]
@@ -27,8 +34,10 @@ async fn main(spawner: Spawner) {
     stack::paint();
     meter::start();
     let reset = supervisor::take_reset_cause();
-    let board = board::init();
-    supervisor::set_trouble(board.trouble | reset.is_trouble() | blackbox::report());
+    let mut board = board::init();
+    supervisor::unleash(&mut board.watchdog);
+    let panic = blackbox::take();
+    supervisor::set_trouble(board.trouble | reset.is_trouble() | panic.is_some());
     log::info!(
         "freshet on {}, {} Hz, after {}",
         board::NAME,
@@ -36,6 +45,18 @@ async fn main(spawner: Spawner) {
         reset.name()
     );
     supervisor::enable_brown_out_reset();
-    control::start(board.button, spawner);
+    let past = Past {
+        cause: reset.name(),
+        panic: panic.unwrap_or(""),
+    };
+    #[cfg(feature = "usb")]
+    let usb = usb::start(board.usb, spawner);
+    control::start(
+        board.button,
+        past,
+        #[cfg(feature = "usb")]
+        usb,
+        spawner,
+    );
     supervisor::run(board.lights, board.watchdog).await
 }

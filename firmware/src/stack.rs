@@ -2,22 +2,25 @@
 
 /// What unused stack holds.
 const PAINT: u32 = 0xc0de_ca5e;
-/// Left unpainted below the frame that paints, for interrupts that come meanwhile, words.
+/// Left unpainted below the stack pointer, for interrupts that come meanwhile, words.
 const MARGIN: usize = 256;
 
 unsafe extern "C" {
-    static mut _stack_end: u32;
-    static mut _stack_start: u32;
+    pub static mut _stack_end: u32;
+    pub static mut _stack_start: u32;
 }
 
-/// Paints the unused part of the stack.
+/// Paints the unused part of the stack. A function of its own: inlined, it would stand in the middle of a larger frame,
+/// and paint over that.
+#[inline(never)]
 pub fn paint() {
-    let here = 0u32;
-    // SAFETY: the addresses come from the memory map; everything from the stack's end up to well below this frame is
-    // free, and written as words through a raw pointer.
+    // Not a variable's address: a caller's frame, of any size, may lie below that.
+    let here = cortex_m::register::msp::read() as *mut u32;
+    // SAFETY: the addresses come from the memory map; everything from the stack's end up to well below the stack pointer
+    // is free, and written as words through a raw pointer.
     unsafe {
         let mut at = &raw mut _stack_end;
-        let top = (&raw const here).cast_mut().sub(MARGIN);
+        let top = here.sub(MARGIN);
         while at < top {
             at.write_volatile(PAINT);
             at = at.add(1);

@@ -12,6 +12,10 @@ use crate::{audio, i2s, log, stack};
 
 /// Without a check-in of every client for so long the chip is reset, µs.
 const PATIENCE: u32 = 250_000;
+/// The same until the sound starts, µs: the first start of all writes an option byte, which takes half a second at most.
+const FIRST_PATIENCE: u32 = 2_000_000;
+/// Which of the two holds.
+static NOW: AtomicU32 = AtomicU32::new(FIRST_PATIENCE);
 /// Time between two looks, ms.
 const LOOK: u64 = 50;
 /// Looks between two reports in the log: ten seconds.
@@ -41,6 +45,51 @@ pub fn set_trouble(trouble: bool) {
     TROUBLE.fetch_or(trouble, Relaxed);
 }
 
+/// Whether anything was so since the start.
+pub fn is_trouble() -> bool {
+    TROUBLE.load(Relaxed)
+}
+
+/// Feeds the watchdog for all clients; where it was not started, nothing happens.
+#[cfg(feature = "h743")]
+pub fn feed_watchdog() {
+    pac::IWDG1
+        .kr()
+        .write(|w| w.set_key(pac::iwdg::vals::Key::RESET));
+}
+
+/// Feeds it, and makes it wait for as long as a sector may take to erase, even where its oscillator is as fast as it may
+/// be, 47 kHz for 32.
+#[cfg(not(feature = "h743"))]
+pub fn stretch_watchdog() {
+    set_watchdog(1_500_000);
+}
+
+/// Feeds it, and all is as it was.
+#[cfg(not(feature = "h743"))]
+pub fn relax_watchdog() {
+    set_watchdog(NOW.load(Relaxed));
+}
+
+/// The watchdog's time, µs, up to 8 s. Where it was not started, nothing happens.
+#[cfg(not(feature = "h743"))]
+fn set_watchdog(micros: u32) {
+    use pac::iwdg::vals::{Key, Pr};
+    /// At 32 kHz over 64, µs.
+    const STEP: u32 = 2_000;
+    /// Turns of the loop that waits until it has taken a value: 5 cycles of its oscillator.
+    const TURNS: u32 = 100_000;
+    let watchdog = pac::IWDG;
+    watchdog.kr().write(|w| w.set_key(Key::ENABLE));
+    watchdog.pr().write(|w| w.set_pr(Pr::DIVIDE_BY64));
+    (watchdog.rlr()).write(|w| w.set_rl((micros / STEP) as u16));
+    let _ = (0..TURNS).any(|_| {
+        let status = watchdog.sr().read();
+        !status.pvu() && !status.rvu()
+    });
+    watchdog.kr().write(|w| w.set_key(Key::RESET));
+}
+
 /// Why the chip started.
 #[derive(Clone, Copy, PartialEq, Eq)]
 pub enum Reset {
@@ -48,16 +97,16 @@ pub enum Reset {
     Power,
     /// The reset pin.
     Pin,
-    /// The program itself, after a crash.
+    /// The program itself, after a crash or where it was asked to.
     Software,
     /// The watchdog.
     Watchdog,
 }
 
 impl Reset {
-    /// Whether something went wrong before.
+    /// Whether something went wrong before; a crash leaves a record of its own.
     pub fn is_trouble(self) -> bool {
-        matches!(self, Self::Software | Self::Watchdog)
+        self == Self::Watchdog
     }
 
     /// Its name.
@@ -129,10 +178,16 @@ pub fn enable_brown_out_reset() {
     }
 }
 
+/// Starts the watchdog, before all that may go wrong.
+pub fn unleash(watchdog: &mut Peri<'static, Watchdog>) {
+    IndependentWatchdog::new(watchdog.reborrow(), FIRST_PATIENCE).unleash();
+}
+
 /// Watches for ever.
 pub async fn run(mut lights: Lights, watchdog: Peri<'static, Watchdog>) -> ! {
     let mut watchdog = IndependentWatchdog::new(watchdog, PATIENCE);
-    watchdog.unleash();
+    NOW.store(PATIENCE, Relaxed);
+    watchdog.pet();
     let mut seen = (i2s::faults(), 0);
     let mut looks = 0u32;
     loop {
@@ -141,7 +196,8 @@ pub async fn run(mut lights: Lights, watchdog: Peri<'static, Watchdog>) -> ! {
             CHECKED_IN.store(0, Relaxed);
             watchdog.pet();
         }
-        let now = (i2s::faults(), audio::CLIPPED.load(Relaxed));
+        let clipped = audio::moment().map_or(0, |moment| moment.stats.clipped);
+        let now = (i2s::faults(), clipped);
         lights.show(
             looks,
             now.1 != seen.1,

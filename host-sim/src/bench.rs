@@ -173,7 +173,7 @@ fn voices(count: usize, frames: usize) -> Line {
 /// Silence, with the fewest and the most idle slots.
 fn idle(frames: usize) -> Vec<Line> {
     let silent = scene("[water]\nrate = 0");
-    [(Board::F411, "32"), (Board::Desk, "16384")]
+    [(Board::F411, "12"), (Board::Desk, "16384")]
         .map(|(board, slots)| Line {
             what: format!("silence, {slots} idle voice slots"),
             speed: speed(|| board.player(&silent, RATE, 1, Output::Bits16), frames),

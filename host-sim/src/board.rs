@@ -5,7 +5,7 @@ use freshet::control::Control;
 use freshet::mix::Output;
 use freshet::observer::Observer;
 use freshet::population::{CLASSES, Crowd};
-use freshet::profile::{F407, F411, H743, Profile};
+use freshet::profile::{F407, F411, H743, Limits, Profile};
 use freshet::scene::Scene;
 use freshet::stats::Stats;
 use freshet::voices::{Strike, Voice};
@@ -18,11 +18,15 @@ pub struct Desk;
 impl Profile for Desk {
     const NAME: &'static str = "desk";
     const VOICES: usize = 16_384;
-    const MAX_RATE: f32 = 1_000_000.0;
+    const LIMITS: Limits = Limits {
+        rate: 1_000_000.0,
+        classes: CLASSES,
+    };
     const BIRTHS_PER_BLOCK: u32 = 8_192;
-    type Voices = Box<[Voice]>;
-    fn voices() -> Self::Voices {
-        vec![Voice::default(); Self::VOICES].into_boxed_slice()
+    type Voices = Vec<Voice>;
+    const IDLE: Self::Voices = Vec::new();
+    fn make_room(voices: &mut Self::Voices) {
+        voices.resize(Self::VOICES, Voice::IDLE);
     }
     /// Any class may be a crowd: sample rates go down to 8 kHz.
     type Update = Update<[Crowd; CLASSES]>;
@@ -64,6 +68,8 @@ pub trait Player: Send {
     fn stats(&self) -> Stats;
     /// Voices sounding now.
     fn voices(&self) -> usize;
+    /// Classes that ring now.
+    fn ringing(&self) -> usize;
     /// Whether no bubble rings.
     fn is_silent(&self) -> bool;
     /// Continues counting from elsewhere.
@@ -98,6 +104,9 @@ impl<P: Profile> Player for Instrument<P> {
     fn voices(&self) -> usize {
         self.synth().voices()
     }
+    fn ringing(&self) -> usize {
+        self.synth().ringing()
+    }
     fn is_silent(&self) -> bool {
         self.synth().is_silent()
     }
@@ -117,13 +126,24 @@ impl Board {
         }
     }
 
-    /// Most births a second.
-    pub fn max_rate(self) -> f32 {
+    /// What it takes of the parameters.
+    pub fn limits(self) -> Limits {
         match self {
-            Self::Desk => Desk::MAX_RATE,
-            Self::F407 => F407::MAX_RATE,
-            Self::F411 => F411::MAX_RATE,
-            Self::H743 => H743::MAX_RATE,
+            Self::Desk => Desk::LIMITS,
+            Self::F407 => F407::LIMITS,
+            Self::F411 => F411::LIMITS,
+            Self::H743 => H743::LIMITS,
+        }
+    }
+
+    /// Cycles of the core in a second, and how many of them an instruction of ours takes: a model, for no emulator counts
+    /// cycles. None for the desk.
+    pub fn core(self) -> Option<(f64, f64)> {
+        match self {
+            Self::Desk => None,
+            Self::F407 => Some((168e6, 2.0)),
+            Self::F411 => Some((96e6, 2.0)),
+            Self::H743 => Some((480e6, 2.0)),
         }
     }
 

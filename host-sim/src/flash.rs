@@ -109,8 +109,8 @@ pub static TARGETS: [Target; 3] = [
         flash: &[
             area(Holds::Firmware, FLASH..0x0800_4000),
             area(Holds::Settings, 0x0800_4000..0x0800_C000),
-            area(Holds::Firmware, 0x0800_C000..0x0804_0000),
-            area(Holds::Bank, 0x0804_0000..0x0808_0000),
+            area(Holds::Firmware, 0x0800_C000..0x0806_0000),
+            area(Holds::Bank, 0x0806_0000..0x0808_0000),
         ],
         plug: "connect an ST-LINK to this computer and to the Black Pill's SWDIO, SWCLK, GND and 3V3",
     },
@@ -634,7 +634,7 @@ mod tests {
     fn a_bank_has_its_own_place() {
         for (board, start) in [
             ("f407", 0x0808_0000),
-            ("f411", 0x0804_0000),
+            ("f411", 0x0806_0000),
             ("h743", 0x0810_0000),
         ] {
             let check = |start: u64| target(board).check_place(Holds::Bank, &(start..start + 8));

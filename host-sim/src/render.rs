@@ -11,6 +11,7 @@ use clap::Args;
 use freshet::fixed::{FULL_SCALE, PASCAL};
 use freshet::mix::Output;
 use freshet::param;
+use freshet::profile::Limits;
 use freshet::stats::Stats;
 use freshet::{BLOCK, Frame};
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
@@ -19,6 +20,7 @@ use crate::births::EventLog;
 use crate::board::{Board, Player};
 use crate::cloud::render::CouplingOptions;
 use crate::cloud::{self, tracks};
+use crate::load::{Both, Meter};
 use crate::scene_file::put;
 use crate::source::{Source, Strikes};
 use crate::spectrogram::{self, Spectrogram};
@@ -95,12 +97,14 @@ pub struct Report {
     pub voices: usize,
     /// The core's counters.
     pub stats: Stats,
+    /// Parts of the board's time that it takes: on average, and in the busiest block.
+    pub share: Option<[f64; 2]>,
     /// Ended before all was rendered: by Ctrl-C, or because nobody reads it any more.
     pub stopped: bool,
     /// Ended by Ctrl-C.
     pub interrupted: bool,
-    /// Births a second that were asked for beyond the board's most.
-    pub rate_cut: Option<(f32, f32)>,
+    /// What was asked for beyond what the board takes: what of, how much, and the most there is.
+    pub cuts: Vec<(&'static str, f32, f32)>,
     /// Time the rendering took.
     pub elapsed: Duration,
     /// What else the summary says.
@@ -173,6 +177,7 @@ pub fn render(request: &Request, stop: &Arc<AtomicBool>) -> Result<Report> {
         player,
         strikes,
         log,
+        meter: (request.board.core().is_some() && output != Output::Raw).then(Meter::new),
         wav,
         picture: request
             .spectrogram
@@ -188,8 +193,7 @@ pub fn render(request: &Request, stop: &Arc<AtomicBool>) -> Result<Report> {
     };
     let begun = Instant::now();
     let stopped = job.run(frames, stop)?;
-    let asked = source.scene.value(param::RATE);
-    let most = request.board.max_rate();
+    let most = request.board.limits();
     let report = Report {
         output: path,
         frames: job.done,
@@ -198,14 +202,28 @@ pub fn render(request: &Request, stop: &Arc<AtomicBool>) -> Result<Report> {
         rms: (job.energy / (2 * job.done).max(1) as f64).sqrt(),
         voices: job.voices,
         stats: job.player.stats(),
+        share: (job.meter.as_ref())
+            .and_then(|meter| meter.load().share(request.board, request.rate)),
         stopped,
         interrupted: stopped && stop.load(Ordering::Relaxed),
-        rate_cut: (asked > most).then_some((asked, most)),
+        cuts: cuts(&source, &most),
         elapsed: begun.elapsed(),
         lines: Vec::new(),
     };
     job.finish(request, &source.scene.title)?;
     Ok(report)
+}
+
+/// See [`Report::cuts`].
+fn cuts(source: &Source, limits: &Limits) -> Vec<(&'static str, f32, f32)> {
+    let rows = [
+        ("births a second", param::RATE, limits.rate),
+        ("radius classes", param::CLASSES, limits.classes as f32),
+    ];
+    let rows = rows.map(|(what, index, most)| (what, source.scene.value(index), most));
+    let mut rows = rows.to_vec();
+    rows.retain(|(_, asked, most)| asked > most);
+    rows
 }
 
 pub(crate) fn output_kind(request: &Request) -> Output {
@@ -300,6 +318,8 @@ struct Job {
     player: Box<dyn Player>,
     strikes: Option<Strikes>,
     log: Option<EventLog>,
+    /// Where it is rendered as a board.
+    meter: Option<Meter>,
     wav: WavWriter,
     picture: Option<Spectrogram>,
     output: Output,
@@ -350,9 +370,16 @@ impl Job {
                     }
                 }
             }
-            match &mut self.log {
-                Some(log) => self.player.render_observed(block, log),
-                None => self.player.render(block),
+            match (&mut self.log, &mut self.meter) {
+                (None, None) => self.player.render(block),
+                (Some(log), None) => self.player.render_observed(block, log),
+                (None, Some(meter)) => self.player.render_observed(block, meter),
+                (Some(log), Some(meter)) => {
+                    self.player.render_observed(block, &mut Both(log, meter));
+                }
+            }
+            if let Some(meter) = &mut self.meter {
+                meter.block(&*self.player, block);
             }
         }
         if let Some(log) = &mut self.log {
@@ -435,6 +462,11 @@ impl Report {
             format!("peak      {}, rms {}", db(self.peak), db(self.rms)),
             format!("voices    {} at most, {} stolen", self.voices, stats.stolen),
         ];
+        if let Some([mean, busiest]) = self.share.map(|share| share.map(|part| 100.0 * part)) {
+            lines.push(format!(
+                "chip      {mean:.0} % of its time, {busiest:.0} % in the busiest block"
+            ));
+        }
         lines.extend_from_slice(&self.lines);
         let mut note = |count: u64, text: &str| {
             if count > 0 {
@@ -462,9 +494,9 @@ impl Report {
         if self.output_clips() {
             lines.push("note      the sound passes full scale: lower mix.level".into());
         }
-        if let Some((asked, most)) = self.rate_cut {
+        for (what, asked, most) in &self.cuts {
             lines.push(format!(
-                "note      {asked} births a second asked for, {most} is the board's most"
+                "note      {asked} {what} asked for, {most} is the board's most"
             ));
         }
         lines.join("\n")

@@ -194,7 +194,8 @@ fn check(param: &Param, value: f32, shown: &str) -> Result<f32> {
     Ok(value)
 }
 
-fn parse_value(param: &Param, text: &str) -> Result<f32> {
+/// A value as people write it, checked.
+pub(crate) fn parse_value(param: &Param, text: &str) -> Result<f32> {
     if let Kind::Choice(names) = param.kind
         && let Some(index) = names.iter().position(|name| *name == text)
     {
@@ -221,14 +222,15 @@ pub(crate) fn cannot_read(path: &Path, error: &std::io::Error) -> anyhow::Error 
     anyhow!("cannot read {}: {reason}{hint}", path.display())
 }
 
-struct Reader<'a> {
-    name: &'a str,
-    text: &'a str,
+/// A text and what to call it, for messages.
+pub(crate) struct Reader<'a> {
+    pub(crate) name: &'a str,
+    pub(crate) text: &'a str,
 }
 
 impl Reader<'_> {
     /// An error at a byte of the text.
-    fn error(&self, at: usize, message: impl std::fmt::Display) -> anyhow::Error {
+    pub(crate) fn error(&self, at: usize, message: impl std::fmt::Display) -> anyhow::Error {
         let before = &self.text.as_bytes()[..at.min(self.text.len())];
         let line = before.iter().filter(|byte| **byte == b'\n').count() + 1;
         let start = before

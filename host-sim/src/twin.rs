@@ -1,7 +1,9 @@
 //! A board's twin on the desk: the same instrument behind the same protocol.
 
 use std::collections::BTreeMap;
+use std::time::Duration;
 
+use anyhow::Result;
 use freshet::control::Control;
 use freshet::mix::Output;
 use freshet::param;
@@ -12,9 +14,13 @@ use freshet::scene::Scene;
 use freshet::{Frame, TICK};
 
 use crate::board::{Board, Player};
+use crate::built_in;
 
 /// Bytes of answers that may wait.
 const OUT: usize = 1 << 16;
+
+/// How long the sound pauses while settings are kept, s.
+const PAUSE: f64 = 0.5;
 
 /// What survives a restart.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -25,16 +31,54 @@ pub struct Kept {
     pub boot: BootRecord,
 }
 
+/// What a twin is made from.
+#[derive(Clone, Debug)]
+pub struct Setup {
+    /// Whose twin.
+    pub board: Board,
+    /// Sample rate, Hz.
+    pub rate: u32,
+    /// Seed of the sound.
+    pub seed: u64,
+    /// What a board has in its bank.
+    pub scenes: Vec<(String, Scene)>,
+    /// The number of the scene that is played at the start, where nothing else is kept.
+    pub first: u16,
+    /// What was kept.
+    pub kept: Kept,
+    /// What comes out; of a board [`Output::Bits24`].
+    pub output: Output,
+}
+
 /// The instrument and all that belongs to it.
 pub struct TwinDevice {
     board: Board,
     rate: u32,
     seed: u64,
     scenes: Vec<(String, Scene)>,
+    first: u16,
     kept: Kept,
     player: Box<dyn Player>,
     playing: u16,
     restarting: bool,
+    output: Output,
+    /// How long the sound pauses for a job, ticks.
+    pause: u32,
+    awaited: Option<Awaited>,
+}
+
+/// A job under way.
+struct Awaited {
+    job: Change,
+    /// Ticks until it is done.
+    left: u32,
+}
+
+/// What a job changes.
+enum Change {
+    Store(Slot, Box<Preset>),
+    Erase(Slot),
+    Boot(BootRecord),
 }
 
 /// A board's twin: bytes go in and out as on its serial line, and sound comes out.
@@ -55,15 +99,41 @@ impl Twin {
         scenes: Vec<(String, Scene)>,
         kept: Kept,
     ) -> Self {
+        Self::with(Setup {
+            board,
+            rate,
+            seed,
+            scenes,
+            first: 0,
+            kept,
+            output: Output::Bits24,
+        })
+    }
+
+    /// The same, with all that can be chosen.
+    pub fn with(setup: Setup) -> Self {
+        let Setup {
+            board,
+            rate,
+            seed,
+            scenes,
+            first,
+            kept,
+            output,
+        } = setup;
         let mut device = TwinDevice {
             board,
             rate,
             seed,
-            player: board.player(&Scene::default(), rate, seed, Output::Bits24),
+            player: board.player(&Scene::default(), rate, seed, output),
             scenes,
+            first,
             kept,
-            playing: 0,
+            playing: first,
             restarting: false,
+            output,
+            pause: (PAUSE * f64::from(rate) / TICK as f64).ceil() as u32,
+            awaited: None,
         };
         device.start();
         let mut shell = Shell::new();
@@ -76,6 +146,12 @@ impl Twin {
         }
     }
 
+    /// A twin of the F407 with the scenes that travel with the command, at 48 kHz.
+    pub fn example() -> Result<Self> {
+        let scenes = built_in::named()?;
+        Ok(Self::new(Board::F407, 48_000, 7, scenes, Kept::default()))
+    }
+
     /// Takes bytes as from the line.
     pub fn receive(&mut self, bytes: &[u8]) {
         self.shell.receive(bytes, &mut self.device);
@@ -84,9 +160,19 @@ impl Twin {
     /// All bytes that the twin has to say.
     pub fn take(&mut self) -> Vec<u8> {
         let mut out = vec![0; OUT];
-        let count = self.shell.out().take(&mut out);
+        let count = self.take_into(&mut out);
         out.truncate(count);
         out
+    }
+
+    /// The same, as far as they fit; returns how many.
+    pub fn take_into(&mut self, out: &mut [u8]) -> usize {
+        self.shell.out().take(out)
+    }
+
+    /// Time between two ticks.
+    pub fn tick_time(&self) -> Duration {
+        Duration::from_secs_f64(TICK as f64 / f64::from(self.device.rate))
     }
 
     /// Fills `out` with what is heard next.
@@ -104,7 +190,14 @@ impl Twin {
     fn tick(&mut self) {
         if std::mem::take(&mut self.device.restarting) {
             self.device.start();
+            // What was said before is still on its way.
+            let said = self.take();
+            self.shell = Shell::new();
+            self.shell.out().put(&said);
             self.shell.greet(&self.device);
+        }
+        if self.device.job_ends() {
+            self.shell.finished(Ok(()), &self.device);
         }
         self.shell.tick(&self.device);
         self.device.player.render(&mut self.rendered);
@@ -125,22 +218,59 @@ impl Twin {
 impl TwinDevice {
     /// Begins to play what it is to play when the power comes on.
     fn start(&mut self) {
+        let usual = (None, self.first);
         let (scene, number) = match self.kept.boot.boot() {
-            Boot::Default => (None, 0),
-            Boot::Scene(name) => (None, self.number_of(Choice::Name(name)).unwrap_or(0)),
+            Boot::Default => usual,
+            Boot::Scene(name) => (
+                None,
+                self.number_of(Choice::Name(name)).unwrap_or(self.first),
+            ),
             Boot::Preset(slot) => match self.kept(slot) {
                 Ok(preset) => {
                     let (scene, number) = self.recalled(&preset);
                     (Some(scene), number)
                 }
-                Err(_) => (None, 0),
+                Err(_) => usual,
             },
         };
         self.playing = number;
         let scene = scene
             .or_else(|| Some(self.scene(number)?.1))
             .unwrap_or_default();
-        self.player = (self.board).player(&scene, self.rate, self.seed, Output::Bits24);
+        self.player = (self.board).player(&scene, self.rate, self.seed, self.output);
+    }
+
+    /// Comes a tick nearer to the end of a job; true where it is done now.
+    fn job_ends(&mut self) -> bool {
+        let Some(mut awaited) = self.awaited.take() else {
+            return false;
+        };
+        awaited.left = awaited.left.saturating_sub(1);
+        if awaited.left > 0 {
+            self.awaited = Some(awaited);
+            return false;
+        }
+        match awaited.job {
+            Change::Store(slot, preset) => {
+                self.kept.presets.insert(slot, *preset);
+            }
+            Change::Erase(slot) => {
+                self.kept.presets.remove(&slot);
+            }
+            Change::Boot(boot) => self.kept.boot = boot,
+        }
+        self.player.control().pause(false);
+        true
+    }
+
+    /// Changes how many ticks the sound pauses for a job, at least 1.
+    pub fn set_pause(&mut self, ticks: u32) {
+        self.pause = ticks.max(1);
+    }
+
+    /// What is kept, to change it from outside.
+    pub fn kept_mut(&mut self) -> &mut Kept {
+        &mut self.kept
     }
 
     /// The sound's source.
@@ -206,16 +336,22 @@ impl Device for TwinDevice {
         self.kept.boot.clone()
     }
     fn begin(&mut self, job: Job<'_>) -> Result<Option<u32>, Refusal<'static>> {
-        match job {
-            Job::Store(slot, preset) => {
-                self.kept.presets.insert(slot, preset.clone());
-            }
-            Job::Erase(slot) => {
-                self.kept.presets.remove(&slot);
-            }
-            Job::Boot(boot) => self.kept.boot = boot.clone(),
-            Job::Restart => self.restarting = true,
+        if self.restarting {
+            return Err(Refusal::Busy);
         }
-        Ok(None)
+        let job = match job {
+            Job::Store(slot, preset) => Change::Store(slot, Box::new(preset.clone())),
+            Job::Erase(slot) => Change::Erase(slot),
+            Job::Boot(boot) => Change::Boot(boot.clone()),
+            Job::Restart => {
+                self.restarting = true;
+                return Ok(None);
+            }
+        };
+        self.player.control().pause(true);
+        let left = self.pause;
+        self.awaited = Some(Awaited { job, left });
+        let ms = f64::from(left) * TICK as f64 * 1000.0 / f64::from(self.rate);
+        Ok(Some(ms.round() as u32))
     }
 }

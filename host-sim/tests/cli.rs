@@ -1309,7 +1309,13 @@ fn tracks_are_rendered_coupled_and_uncoupled() {
     let folder = Folder::new();
     folder.write("pair.txt", PAIR);
     let told = folder.succeeds("render pair.txt --spectrogram pair.png");
-    for words in ["pair.wav", "2 bubbles", "coupled   2 at most", "level", "one sample"] {
+    for words in [
+        "pair.wav",
+        "2 bubbles",
+        "coupled   2 at most",
+        "level",
+        "one sample",
+    ] {
         assert!(told.contains(words), "no `{words}` in {told}");
     }
     assert!(folder.read("pair.png").starts_with(b"\x89PNG"));
@@ -1326,17 +1332,29 @@ fn what_tracks_cannot_do_is_refused_before_a_file_is_touched() {
     folder.write("pair.txt", PAIR);
     folder.write("bad.txt", "Bub 0 0.003\n  Start: N zero\n");
     for (line, words) in [
-        ("render pair.txt --solver fixed", vec!["--solver fixed", "dense or reduced"]),
-        ("render pair.txt --epsilon 1", vec!["--epsilon 1", "above 1"]),
+        (
+            "render pair.txt --solver fixed",
+            vec!["--solver fixed", "dense or reduced"],
+        ),
+        (
+            "render pair.txt --epsilon 1",
+            vec!["--epsilon 1", "above 1"],
+        ),
         ("render pair.txt --events b.csv", vec!["--events"]),
         ("render pair.txt --board f407", vec!["--board f407"]),
         ("render bad.txt", vec!["bad.txt:2", "the start"]),
         ("render none.txt", vec!["cannot read", "none.txt"]),
         ("render pair.txt -o pair.txt", vec!["cannot write"]),
-        ("render brook --uncoupled", vec!["--uncoupled", "bubble tracks"]),
+        (
+            "render brook --uncoupled",
+            vec!["--uncoupled", "bubble tracks"],
+        ),
         ("modes none.csv", vec!["cannot read", "none.csv"]),
         ("cloud c.csv --count 0", vec!["--count 0"]),
-        ("cloud c.txt --split 1.5", vec!["--split 1.5", "from 0 to 1"]),
+        (
+            "cloud c.txt --split 1.5",
+            vec!["--split 1.5", "from 0 to 1"],
+        ),
     ] {
         folder.refuses(line, &words);
     }
@@ -1358,9 +1376,20 @@ fn a_cloud_is_made_and_its_modes_told() {
     let (dense, reduced) = (list("frequencies_hz"), list("reduced_frequencies_hz"));
     assert_eq!((dense.len(), reduced.len()), (40, 40));
     assert!(dense.is_sorted());
-    assert!(dense.iter().zip(&reduced).all(|(a, b)| (a / b - 1.0).abs() < 0.04));
-    folder.write("mixed.csv", "x_m,y_m,z_m,radius_m\n0,0,0,0.01\n0.0001,0,0,0.0002\n0,0.0001,0,0.0002\n");
+    assert!(
+        dense
+            .iter()
+            .zip(&reduced)
+            .all(|(a, b)| (a / b - 1.0).abs() < 0.04)
+    );
+    folder.write(
+        "mixed.csv",
+        "x_m,y_m,z_m,radius_m\n0,0,0,0.01\n0.0001,0,0,0.0002\n0,0.0001,0,0.0002\n",
+    );
     folder.write("wrong.csv", "x_m,y_m,z_m,radius_m\n0,0,0,big\n");
-    folder.refuses("modes mixed.csv --kernel cb --epsilon 0", &["not positive definite", "--kernel definite"]);
+    folder.refuses(
+        "modes mixed.csv --kernel cb --epsilon 0",
+        &["not positive definite", "--kernel definite"],
+    );
     folder.refuses("modes wrong.csv", &["wrong.csv:2", "radius_m", "`big`"]);
 }

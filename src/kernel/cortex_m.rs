@@ -1,4 +1,4 @@
-//! In assembly, for processors with the DSP instructions of a Cortex-M4: the one place with `unsafe` in it.
+//! In assembly, for processors with the DSP instructions of a Cortex-M4. `unsafe` is here and in the voices' assembly.
 //!
 //! A resonator's word is a pair of registers and a multiplication adds to it in one instruction (SMLAL), the upper
 //! register being the next factor as it is. Both ears' words, the coefficients, a frame and its address just fill the
@@ -8,30 +8,46 @@
 #![allow(unsafe_code)]
 
 use core::arch::global_asm;
+use core::mem::offset_of;
+use core::ops::Range;
 
-use super::{DRAWN, Drawn, Outcome, Source, Stroke};
+use super::{DRAWN, Drawn, Flow, Source, Stop};
 use crate::fixed::{EXP2_NEG, NEG_LOG2, PAN, SINE_COSINE};
 use crate::frame::{BLOCK, Block, Frame};
-use crate::resonator::{Form, Impulse, STRIKES_MAX, State, Tuning};
+use crate::population::CLASSES;
+use crate::resonator::{Form, Impulse, Resonator, STRIKES_MAX, State, Tuning};
 
 global_asm!(
     include_str!("cortex_m.s"),
     drawn = const DRAWN,
-    // Six words a birth, four for the end mark, two of the function's own.
-    stream = const (DRAWN + 1) * 24 + 8,
+    // Six words a birth, and as many for the end mark.
+    stream = const (DRAWN + 1) * 24,
     strikes_max = const STRIKES_MAX,
+    resonator = const size_of::<Resonator>(),
+    extent = const offset_of!(Resonator, extent),
+    tuning = const size_of::<Tuning>(),
+    form = const offset_of!(Tuning, form),
+    circle = const Form::Circle as u8,
+    coefficients = const offset_of!(Tuning, coefficients),
+    floor = const offset_of!(Tuning, floor),
+    flow = const size_of::<Flow>(),
+    coarse = const offset_of!(Flow, stroke.coarse),
+    list = const offset_of!(Source, drawn),
     neg_log2 = sym NEG_LOG2,
     exp2_neg = sym EXP2_NEG,
     pan = sym PAN,
     sine_cosine = sym SINE_COSINE,
 );
 
-// What the assembly takes for granted.
+// What else the assembly takes for granted.
 const _: () = {
     assert!(BLOCK == 32 && size_of::<Frame>() == 8);
     assert!(size_of::<State>() == 32 && size_of::<Hit>() == 20);
-    assert!(core::mem::offset_of!(Stroke, coarse) == 52);
-    assert!(core::mem::offset_of!(Source, drawn) == 16);
+    assert!(offset_of!(Resonator, state) == 0 && offset_of!(Flow, stroke) == 0);
+    assert!(offset_of!(Flow, crowd) == offset_of!(Flow, stroke.coarse) + 4);
+    assert!((Form::Silent as u8) < Form::Circle as u8 && (Form::Circle as u8) < Form::Direct as u8);
+    assert!(offset_of!(Tuning, swing) == offset_of!(Tuning, floor) + 4);
+    assert!(offset_of!(Walk, swing) == 32);
 };
 
 unsafe extern "C" {
@@ -47,26 +63,26 @@ unsafe extern "C" {
         out: *mut Frame,
         hits: *const Hit,
     ) -> u32;
-    fn freshet_play_circle(
-        state: *mut State,
-        coefficients: *const [i32; 2],
-        out: *mut Frame,
-        stroke: *const Stroke,
-        clock: *mut u64,
-        source: *mut Source,
-    ) -> u64;
-    fn freshet_play_direct(
-        state: *mut State,
-        coefficients: *const [i32; 2],
-        out: *mut Frame,
-        stroke: *const Stroke,
-        clock: *mut u64,
-        source: *mut Source,
-    ) -> u64;
+    fn freshet_walk(walk: *mut Walk) -> u64;
+}
+
+/// Where the assembly is on its way through the classes.
+#[repr(C)]
+struct Walk {
+    resonator: *mut Resonator,
+    tuning: *const Tuning,
+    flow: *const Flow,
+    clock: *mut u64,
+    /// Classes to go, at least one.
+    left: usize,
+    source: *mut Source,
+    out: *mut Frame,
+    /// Of the classes that are done.
+    swing: u64,
 }
 
 /// After how many frames, in the upper 6 bits, and what; a `first` of `i32::MIN` is the end.
-#[derive(Clone, Copy, Debug, Default)]
+#[derive(Clone, Copy, Debug)]
 #[repr(C)]
 struct Hit {
     frames: u32,
@@ -86,9 +102,12 @@ pub struct Hits {
 
 impl Hits {
     /// None.
-    pub fn new() -> Self {
+    pub const fn new() -> Self {
         Self {
-            list: [Hit::default(); DRAWN + 1],
+            list: [Hit {
+                frames: 0,
+                impulse: Impulse::NONE,
+            }; DRAWN + 1],
             count: 0,
             done: 0,
             asked: 0,
@@ -135,7 +154,7 @@ pub fn ring(
 ) -> u32 {
     let end = Impulse {
         first: i32::MIN,
-        ..Impulse::default()
+        ..Impulse::NONE
     };
     let to = if whole { BLOCK } else { hits.asked };
     hits.push(to.wrapping_sub(1), end);
@@ -160,41 +179,46 @@ pub fn ring(
     }
 }
 
-/// Draws births and rings with them, if there is nothing out of the ordinary among them.
+/// Draws the births of class after class and rings with them, up to one with something out of the ordinary.
 #[inline(always)]
-pub fn play(
-    tuning: &Tuning,
-    state: &mut State,
-    stroke: &Stroke,
-    clock: &mut u64,
+pub fn walk(
+    classes: Range<usize>,
+    resonators: &mut [Resonator; CLASSES],
+    tunings: &[Tuning; CLASSES],
+    flows: &[Flow; CLASSES],
+    clocks: &mut [u64; CLASSES],
     source: &mut Source,
     out: &mut Block,
-) -> Outcome {
-    let play = match tuning.form {
-        Form::Circle if stroke.coarse == 0 => freshet_play_circle,
-        Form::Direct if stroke.coarse == 0 => freshet_play_direct,
-        _ => return Outcome::Drawn(source.draw(stroke, clock, stroke.silent_below)),
+) -> Stop {
+    let mut walk = Walk {
+        resonator: resonators[classes.clone()].as_mut_ptr(),
+        tuning: tunings[classes.clone()].as_ptr(),
+        flow: flows[classes.clone()].as_ptr(),
+        clock: clocks[classes.clone()].as_mut_ptr(),
+        left: classes.len(),
+        source,
+        out: out.as_mut_ptr(),
+        swing: 0,
     };
-    // SAFETY: the assembly keeps to the procedure call standard and keeps nothing. It reads the two coefficients and the
-    // stroke, reads and writes the clock, the source, the state and the 32 frames of `out`. It draws at most DRAWN
-    // births, for which, and an end mark, there is room in the source and in its own frame; their positions are 5 bits.
-    let outcome = unsafe {
-        play(
-            state,
-            tuning.coefficients(),
-            out.as_mut_ptr(),
-            stroke,
-            clock,
-            source,
-        )
-    };
-    let (value, status) = (outcome as u32, (outcome >> 32) as u32);
-    if status == 0 {
-        Outcome::Rung(value)
-    } else {
-        Outcome::Drawn(Drawn {
-            count: value as usize,
-            more: status == 2,
-        })
+    if walk.left == 0 {
+        return Stop {
+            class: classes.end,
+            swing: 0,
+            drawn: None,
+        };
+    }
+    // SAFETY: the assembly keeps to the procedure call standard and keeps nothing. It goes through as many classes as all
+    // four slices have; of each it reads the tuning and the flow, and reads and writes the resonator and the clock. It
+    // reads and writes the source and the 32 frames of `out`. It draws at most DRAWN births at a time, for which, and an
+    // end mark, there is room in the source and in its own frame; their positions are 5 bits.
+    let outcome = unsafe { freshet_walk(&mut walk) };
+    let (count, status) = (outcome as usize, outcome >> 32);
+    Stop {
+        class: classes.end - walk.left,
+        swing: walk.swing,
+        drawn: (status >= 2).then_some(Drawn {
+            count,
+            more: status == 3,
+        }),
     }
 }

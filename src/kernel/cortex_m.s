@@ -1,16 +1,18 @@
     .syntax unified
     .thumb
 
-@ Where a function's own frame is, above the stream: the four arguments in registers, what is saved of the caller's, and
-@ the arguments on the stack.
+@ A function's own frame, from the stack pointer up: the stream; a hit that is the end, for a block without others, whose
+@ first two words `walk` has for the end of its list and the room that there was; then what an end points at: the state's
+@ address and where to go on. Nothing above the stream is ever below the stack pointer.
     .set    STREAM, {stream}
-    .set    CLOCK, STREAM + 52
-    .set    SOURCE, STREAM + 56
-@ Words of its own at the stream's end: the end of the list, the room that there was.
-    .set    LIST_END, STREAM - 8
-    .set    ROOM, STREAM - 4
-@ Where in a Source the list is.
-    .set    LIST, 16
+    .set    LIST_END, STREAM
+    .set    ROOM, STREAM + 4
+    .set    HOME, STREAM + 16
+    .set    WALK, STREAM + 24
+@ In a Walk: resonator, tuning, flow, clock, classes to go; then these.
+    .set    SOURCE, 20
+    .set    OUT, 24
+    .set    SWING, 32
 @ Bytes of code a frame of the circle form, and two frames of the direct form.
     .set    CIRCLE_FRAME, 36
     .set    DIRECT_PAIR, 80
@@ -20,20 +22,39 @@
 @ From the hit's frame, in the upper bits of r5, the words that enter the loop; r6 right  r7 left  r11 first  lr second
 @ r2 stream  r4 what the last one left, at first as after frame \at.
     .macro  enter_circle shift
-    lsr     r5, r5, #\shift
-    add     r5, r5, r5, lsl #3
-    ldr     r8, =freshet_circle_hit
-    add     r8, r8, r5, lsl #2
-    sub     r5, r4, r5, lsl #2
-    mov     r4, r8
+    lsr     r8, r5, #\shift
+    add     r8, r8, r8, lsl #3
+    sub     r5, r4, r8, lsl #2
+    ldr     r4, =freshet_circle_hit
+    add     r4, r4, r8, lsl #2
+    stm     r2!, {{r5, r6, r7, r11, lr}}
+    .endm
+@ The same for the end of a block.
+    .macro  end_circle
+    sub     r5, r4, #31 * CIRCLE_FRAME
     stm     r2!, {{r5, r6, r7, r11, lr}}
     .endm
     .macro  first_circle at
     ldr     r4, =freshet_circle_hit + \at * CIRCLE_FRAME
     .endm
 
-    .macro  enter_direct shift
-    lsr     r5, r5, #\shift
+@ What the loops have in registers, from r12 state  r1 where the coefficients are  r0 frame.
+@ r0 frame  r1 g  r2 -g  r3 -b  r4:r5 y  r6:r7 v, left  r8:r9 y  r10:r11 v, right  r12, lr free
+    .macro  registers_circle at
+    ldrd    r2, r3, [r1, #\at]
+    rsb     r1, r2, #0
+    ldm     r12, {{r4-r11}}
+    .endm
+@ r0 frame  r1 a1  r2 a2  r4 y  r5 y1, left  r6 y  r7 y1, right  r8-r11 two frames  r3, r12, lr free
+    .macro  registers_direct at
+    ldrd    r1, r2, [r1, #\at]
+    ldr     r4, [r12, #4]
+    ldr     r5, [r12, #12]
+    ldr     r6, [r12, #20]
+    ldr     r7, [r12, #28]
+    .endm
+
+    .macro  place_direct
     sub     r8, r5, r4
     mov     r4, r5
     lsr     r9, r8, #1
@@ -46,41 +67,99 @@
     strne   r9, [r2], #4
     stm     r2!, {{r5, r6, r7, r11, lr}}
     .endm
+    .macro  enter_direct shift
+    lsr     r5, r5, #\shift
+    place_direct
+    .endm
+    .macro  end_direct
+    mov     r5, #31
+    place_direct
+    .endm
     .macro  first_direct at
     mov     r4, #\at
     .endm
 
-@ u64 freshet_play(State *, const i32 coefficients[2], Frame *, const Stroke *, u64 *clock, Source *)
-@ Lower word: extent or length of the list. Upper: 0 rung, 1 listed, 2 listed and there may be more.
-    .macro  play form
-    .section .text.freshet_play_\form, "ax", %progbits
+@ u64 freshet_walk(Walk *)
+@ Lower word: how many births are listed. Upper: 0 all classes are done; else the walk stands at a class that is left to
+@ the caller: 1 untouched, 2 with its births listed, 3 listed and there may be more.
+    .section .text.freshet_walk, "ax", %progbits
     .balign 16
-    .global freshet_play_\form
-    .type   freshet_play_\form, %function
+    .global freshet_walk
+    .type   freshet_walk, %function
     .thumb_func
-freshet_play_\form:
-    push    {{r4-r11, lr}}
-    push    {{r0-r3}}
-    sub     sp, sp, #STREAM
-    ldr     r1, [sp, #SOURCE]
-    ldr     r2, [sp, #CLOCK]
-    mov     r0, r3
-    ldrd    r6, r7, [r1]
+freshet_walk:
+    push    {{r0, r4-r11, lr}}
+    sub     sp, #WALK
+    mov     r10, r0
+    mov     r4, #END
+    add     r5, sp, #HOME
+    ldr     r6, =freshet_settle
+    strd    r4, r5, [r5, #-8]
+    str     r6, [r5, #4]
+    ldm     r10, {{r0-r3}}
+    b       2f
+
+freshet_next:
+    ldr     r10, [sp, #WALK]
+    ldm     r10, {{r0-r4}}
+1:  adds    r0, #{resonator}
+    adds    r1, #{tuning}
+    adds    r2, #{flow}
+    adds    r3, #8
+    subs    r4, #1
+    stm     r10, {{r0-r4}}
+    beq     8f
+@ r0 resonator  r1 tuning  r2 flow  r3 clock  r10 walk
+2:  ldrd    r4, r5, [r2, #{coarse}]     @ and the crowd
+    ldrd    r6, r7, [r3]
+    ldr     r9, [r2]                    @ per block
+    orrs    r4, r5
+    bne     9f
+    subs    r4, r6, r9
+    sbcs    r5, r7, #0
+    blo     freshet_draw
+    strd    r4, r5, [r3]
+    ldr     r4, [r0, #{extent}]
+    cmp     r4, #0
+    bne     freshet_whole
+    ldr     r4, [r10, #16]
+    b       1b
+8:  movs    r1, #0
+    b       freshet_stop
+9:  movs    r1, #1
+freshet_stop:
+    add     sp, #WALK + 4
+    pop     {{r4-r11, pc}}
+
+@ Rings for a block without births.
+freshet_whole:
+    ldrb    r4, [r1, #{form}]
+    str     r0, [sp, #HOME]
+    mov     r12, r0
+    ldr     r0, [r10, #OUT]
+    add     sp, #STREAM
+    cmp     r4, #{circle}
+    bne     1f
+    registers_circle {coefficients}
+    b       freshet_circle
+1:  registers_direct {coefficients}
+    b       freshet_direct
+
+freshet_draw:
+    ldr     r1, [r10, #SOURCE]
+    mov     r0, r2
+    mov     r4, r6
+    mov     r5, r7
     ldr     r11, [r1, #8]
-    adds    r1, #LIST
+    ldrd    r6, r7, [r1], #{list}
     cmp     r11, #{drawn}
     it      hi
     movhi   r11, #{drawn}
     str     r11, [sp]
-    ldrd    r4, r5, [r2]
     ldr     r8, =0x9e3779bb
-    ldr     r9, [r0]
     ldr     r10, ={neg_log2}
 @ r0 stroke  r1 list  r4:r5 clock  r6, r7 random  r8 its factor  r9 per block  r10 table  r11 births left
-1:  cmp     r4, r9
-    sbcs    r12, r5, #0
-    bhs     3f
-    subs    r11, #1
+1:  subs    r11, #1
     blo     4f
     mul     r2, r6, r8                  @ for the gap
     mul     r3, r7, r8                  @ for the rest
@@ -103,45 +182,101 @@ freshet_play_\form:
     smmla   r3, lr, r2, r3
     ldr     r12, [r0, #4]               @ gap
     umlal   r4, r5, r3, r12
-    b       1b
-
-3:  subs    r4, r4, r9
-    sbc     r5, r5, #0
-    movs    r2, #1
+    subs    r2, r4, r9
+    sbcs    r3, r5, #0
+    blo     1b
+    mov     r4, r2
+    mov     r5, r3
+    movs    r2, #2
     b       5f
-4:  movs    r2, #2
+4:  movs    r2, #3
     mov     r11, #0
-5:  ldr     r12, [sp, #CLOCK]
-    ldr     r3, [sp, #SOURCE]
-    strd    r4, r5, [r12]
-    strd    r6, r7, [r3]
-    ldr     r12, [sp]
-    ldr     lr, [r3, #8]
-    sub     r12, r12, r11
-    sub     lr, lr, r12
-    str     lr, [r3, #8]
-    mvn     r12, #0
-    str     r12, [r1, #4]
+5:  ldr     r12, [sp, #WALK]
+    ldr     r3, [r12, #12]
+    strd    r4, r5, [r3]
+    ldr     r3, [r12, #SOURCE]
+    ldr     r4, [sp]
+    ldr     r5, [r3, #8]
+    sub     r4, r4, r11
+    sub     r5, r5, r4
+    str     r5, [r3, #8]
+    strd    r6, r7, [r3], #{list}
+    mvn     r4, #0
+    str     r4, [r1, #4]                @ the end mark
     str     r1, [sp, #LIST_END]
-    adds    r3, #LIST
-    subs    r1, r1, r3
-    beq     9f                          @ none to be heard
-    cmp     r2, #1
-    bne     9f
-
+    cmp     r2, #2
+    bne     freshet_listed
+    cmp     r1, r3
+    beq     6f                          @ none to be heard
     mov     r1, r3
-    ldr     r3, [r3, #-4]
+    ldr     r3, [r3, #12 - {list}]
     cmp     r3, #{strikes_max}
     it      hi
     movhi   r3, #{strikes_max}
     str     r3, [sp, #ROOM]
+    ldr     r4, [r12, #4]
     mov     r2, sp
+    ldrb    r4, [r4, #{form}]
+    cmp     r4, #{circle}
+    beq     freshet_strike_circle
+    bhi     freshet_strike_direct
+    b       freshet_unheard
+6:  mov     r10, r12
+    ldrd    r0, r1, [r10]
+    ldr     r4, [r0, #{extent}]
+    cmp     r4, #0
+    bne     freshet_whole
+    b       freshet_next
+
+@ Ends a class's block; its words are r0 out, and r12 points home.
+    .type   freshet_settle, %function
+    .thumb_func
+freshet_settle:
+    sub     r1, r12, #HOME
+    ldr     r12, [r12, #8]
+    mov     sp, r1
+    ldrd    r1, r2, [r12]
+    ldrd    r3, r4, [r2, #{floor}]      @ and the swing
+    cmp     r0, r3
+    bls     1f
+    str     r0, [r1, #{extent}]
+    lsrs    r0, r0, #3
+    ldrd    r2, r3, [r12, #SWING]
+    adds    r0, #1
+    umlal   r2, r3, r0, r4
+    strd    r2, r3, [r12, #SWING]
+    b       freshet_next
+1:  movs    r2, #0
+    movs    r3, #0
+    strd    r2, r3, [r1]
+    strd    r2, r3, [r1, #8]
+    strd    r2, r3, [r1, #16]
+    strd    r2, r3, [r1, #24]
+    str     r2, [r1, #{extent}]
+    b       freshet_next
+
+@ A bubble that there is no room for, or a class that is too high.
+freshet_unheard:
+    movs    r2, #2
+    ldr     r12, [sp, #WALK]
+    ldr     r3, [r12, #SOURCE]
+    ldr     r1, [sp, #LIST_END]
+    adds    r3, #{list}
+freshet_listed:
+    subs    r1, r1, r3
+    lsrs    r0, r1, #3
+    mov     r1, r2
+    b       freshet_stop
+    .ltorg
+
+    .macro  strike form
+freshet_strike_\form:
     first_\form -1
 @ r0 stroke  r1 list  r2 stream  r3 room  r4 see enter
-6:  ldrd    r5, r6, [r1], #8            @ position, random bits
+1:  ldrd    r5, r6, [r1], #8            @ position, random bits
     ldrd    r7, r8, [r0, #16]           @ still, exponent
     cmp     r6, r7
-    bhi     7f
+    bhi     2f
     clz     r9, r6
     lsl     r7, r6, r9
     ubfx    r10, r7, #23, #8
@@ -169,7 +304,7 @@ freshet_play_\form:
     ldr     r7, [r0, #40]
     umull   r11, r9, r9, r7             @ pressure
     subs    r3, r3, r9, lsr #2
-    blo     8f
+    blo     freshet_unheard
     ubfx    r6, r6, #4, #8
     ldrd    r7, r8, [r0, #32]           @ width, edge
     mla     r6, r6, r7, r8
@@ -195,39 +330,34 @@ freshet_play_\form:
     lsl     lr, lr, #2
     orr     lr, lr, r12, lsr #30        @ the second word
     enter_\form 27
-    b       6b
+    b       1b
 
-@ The end mark, or a bubble that rises; or one for which there is no room.
-7:  ldr     r7, [sp, #LIST_END]
+@ The end mark, or a bubble that rises.
+2:  ldr     r7, [sp, #LIST_END]
     subs    r1, #8
     cmp     r1, r7
-    beq     10f
-8:  movs    r2, #1
-    ldr     r3, [sp, #SOURCE]
-    ldr     r1, [sp, #LIST_END]
-    adds    r3, #LIST
-    subs    r1, r1, r3
-9:  lsrs    r0, r1, #3
-    mov     r1, r2
-    add     sp, sp, #STREAM
-    add     sp, #16
-    pop     {{r4-r11, pc}}
-
-10: ldr     r7, [sp, #SOURCE]
+    bne     freshet_unheard
+    ldr     r12, [sp, #WALK]
     ldr     r8, [sp, #ROOM]
-    ldr     r9, [r7, #12]
+    ldr     r7, [r12, #SOURCE]
     sub     r8, r8, r3
+    ldr     r9, [r7, #12]
     sub     r9, r9, r8
     str     r9, [r7, #12]
-    mov     r5, #31 << 27
     mov     r11, #END
-    add     lr, sp, #STREAM
-    enter_\form 27
-    ldm     lr, {{r0-r2}}
-    b       freshet_start_\form
+    add     lr, sp, #HOME
+    end_\form
+    ldr     r0, [r12, #OUT]
+    ldrd    r12, r1, [r12]
+    str     r12, [sp, #HOME]
+    registers_\form {coefficients}
+    pop     {{pc}}
     .ltorg
-    .size   freshet_play_\form, . - freshet_play_\form
     .endm
+
+    strike  circle
+    strike  direct
+    .size   freshet_walk, . - freshet_walk
 
 @ u32 freshet_ring(State *, const i32 coefficients[2], Frame *, const Hit *)
     .macro  ring form
@@ -237,9 +367,10 @@ freshet_play_\form:
     .type   freshet_ring_\form, %function
     .thumb_func
 freshet_ring_\form:
-    push    {{r4-r11, lr}}
-    push    {{r0-r3}}
-    sub     sp, sp, #STREAM
+    ldr     r12, =freshet_rung
+    push    {{r1, r2, r4-r11, lr}}
+    push    {{r0, r12}}
+    sub     sp, #STREAM
     mov     r2, sp
     first_\form 0
 1:  ldm     r3!, {{r5, r6, r7, r11, lr}}
@@ -248,25 +379,18 @@ freshet_ring_\form:
     bne     1b
     add     lr, sp, #STREAM
     str     lr, [r2, #-4]
-    ldm     lr, {{r0-r2}}
-    .endm
-
-    play    circle
-    play    direct
-
-@ r0 frame  r1 g  r2 -g  r3 -b  r4:r5 y  r6:r7 v, left  r8:r9 y  r10:r11 v, right  r12, lr free
-    ring    circle
-    .type   freshet_start_circle, %function
-    .thumb_func
-freshet_start_circle:
-    mov     r12, r0
-    mov     r0, r2
-    ldrd    r2, r3, [r1]
-    rsb     r1, r2, #0
-    ldm     r12, {{r4-r11}}
+    ldr     r12, [lr]
+    ldrd    r1, r0, [lr, #8]
+    registers_\form 0
     pop     {{pc}}
     .ltorg
     .balign 16
+    .endm
+
+    ring    circle
+    .type   freshet_circle, %function
+    .thumb_func
+freshet_circle:
     .rept   32
     ldrd    r12, lr, [r0]
     smlal   r6, r7, r3, r7
@@ -294,9 +418,8 @@ freshet_circle_hit:
     smlal   r6, r7, r12, lr
     add     sp, #16
     pop     {{pc}}
-1:  ldr     r12, [sp, #12]
-    mov     sp, r12
-    pop     {{r0-r3}}
+1:  ldr     r12, [sp, #12]              @ home
+    ldrd    r0, lr, [r12]
     stm     r0, {{r4-r11}}
     eor     r0, r5, r5, asr #31
     eor     r1, r7, r7, asr #31
@@ -305,11 +428,15 @@ freshet_circle_hit:
     orrs    r0, r1
     eor     r1, r11, r11, asr #31
     orrs    r0, r1
-    movs    r1, #0
+    bx      lr
+    .type   freshet_rung, %function
+    .thumb_func
+freshet_rung:
+    mov     sp, r12
+    add     sp, #16
     pop     {{r4-r11, pc}}
     .size   freshet_ring_circle, . - freshet_ring_circle
 
-@ r0 frame  r1 a1  r2 a2  r4 y  r5 y1, left  r6 y  r7 y1, right  r8-r11 two frames  r3, r12, lr free
     .macro  direct y, y1, out
     smull   r3, r12, r1, \y
     smlal   r3, r12, r2, \y1
@@ -318,17 +445,43 @@ freshet_circle_hit:
     add     \out, \y1
     .endm
     ring    direct
-    .type   freshet_start_direct, %function
+    .type   freshet_direct, %function
     .thumb_func
-freshet_start_direct:
-    mov     r12, r0
-    mov     r0, r2
-    ldrd    r1, r2, [r1]
-    ldr     r4, [r12, #4]
-    ldr     r5, [r12, #12]
-    ldr     r6, [r12, #20]
-    ldr     r7, [r12, #28]
+freshet_direct:
+    .rept   16
+    ldm.w   r0, {{r8-r11}}
+    direct  r4, r5, r8
+    direct  r6, r7, r9
+    direct  r5, r4, r10
+    direct  r7, r6, r11
+    stm.w   r0!, {{r8-r11}}
+    .endr
+    .type   freshet_direct_hit, %function
+    .thumb_func
+freshet_direct_hit:
+    ldm     sp, {{r8-r11}}              @ right, left, first, second
+    cmp     r10, #END
+    beq     1f
+    smmla   r4, r10, r9, r4
+    smmla   r5, r11, r9, r5
+    smmla   r6, r10, r8, r6
+    smmla   r7, r11, r8, r7
+    add     sp, #16
     pop     {{pc}}
+1:  mov     r12, r11                    @ home
+    ldrd    r0, lr, [r12]
+    str     r4, [r0, #4]
+    str     r5, [r0, #12]
+    str     r6, [r0, #20]
+    str     r7, [r0, #28]
+    eor     r0, r4, r4, asr #31
+    eor     r1, r5, r5, asr #31
+    orrs    r0, r1
+    eor     r1, r6, r6, asr #31
+    orrs    r0, r1
+    eor     r1, r7, r7, asr #31
+    orrs    r0, r1
+    bx      lr
 @ The one frame too many for a loop of pairs.
     .type   freshet_direct_odd, %function
     .thumb_func
@@ -348,49 +501,18 @@ freshet_direct_odd:
     add     r9, r6
     strd    r8, r9, [r0], #8
     pop     {{pc}}
-    .ltorg
-    .balign 16
-    .rept   16
-    ldm.w   r0, {{r8-r11}}
-    direct  r4, r5, r8
-    direct  r6, r7, r9
-    direct  r5, r4, r10
-    direct  r7, r6, r11
-    stm.w   r0!, {{r8-r11}}
-    .endr
-    .type   freshet_direct_hit, %function
-    .thumb_func
-freshet_direct_hit:
-    pop     {{r8-r11}}                  @ right, left, first, second
-    cmp     r10, #END
-    beq     1f
-    smmla   r4, r10, r9, r4
-    smmla   r5, r11, r9, r5
-    smmla   r6, r10, r8, r6
-    smmla   r7, r11, r8, r7
-    pop     {{pc}}
-1:  mov     sp, r11
-    pop     {{r0-r3}}
-    str     r4, [r0, #4]
-    str     r5, [r0, #12]
-    str     r6, [r0, #20]
-    str     r7, [r0, #28]
-    eor     r0, r4, r4, asr #31
-    eor     r1, r5, r5, asr #31
-    orrs    r0, r1
-    eor     r1, r6, r6, asr #31
-    orrs    r0, r1
-    eor     r1, r7, r7, asr #31
-    orrs    r0, r1
-    movs    r1, #0
-    pop     {{r4-r11, pc}}
     .size   freshet_ring_direct, . - freshet_ring_direct
 
     .purgem enter_circle
     .purgem first_circle
+    .purgem place_direct
     .purgem enter_direct
+    .purgem end_circle
+    .purgem end_direct
     .purgem first_direct
-    .purgem play
+    .purgem registers_circle
+    .purgem registers_direct
+    .purgem strike
     .purgem ring
     .purgem direct
     .text

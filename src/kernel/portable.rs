@@ -1,8 +1,11 @@
 //! In plain Rust.
 
-use super::{DRAWN, Outcome, Source, Stroke};
+use core::ops::Range;
+
+use super::{DRAWN, Flow, Source, Stop};
 use crate::frame::Block;
-use crate::resonator::{Form, Impulse, State, Tuning};
+use crate::population::CLASSES;
+use crate::resonator::{Form, Impulse, Resonator, State, Tuning};
 
 /// What strikes a class in a block, in order.
 #[derive(Clone, Debug)]
@@ -16,9 +19,9 @@ pub struct Hits {
 
 impl Hits {
     /// None.
-    pub fn new() -> Self {
+    pub const fn new() -> Self {
         Self {
-            list: [(0, Impulse::default()); DRAWN],
+            list: [(0, Impulse::NONE); DRAWN],
             count: 0,
             done: 0,
         }
@@ -67,15 +70,20 @@ pub fn ring(
     state.extent()
 }
 
-/// Draws births only.
+/// Leaves every class to the caller.
 #[inline(always)]
-pub fn play(
-    _tuning: &Tuning,
-    _state: &mut State,
-    stroke: &Stroke,
-    clock: &mut u64,
-    source: &mut Source,
+pub fn walk(
+    classes: Range<usize>,
+    _resonators: &mut [Resonator; CLASSES],
+    _tunings: &[Tuning; CLASSES],
+    _flows: &[Flow; CLASSES],
+    _clocks: &mut [u64; CLASSES],
+    _source: &mut Source,
     _out: &mut Block,
-) -> Outcome {
-    Outcome::Drawn(source.draw(stroke, clock, stroke.silent_below))
+) -> Stop {
+    Stop {
+        class: classes.start,
+        swing: 0,
+        drawn: None,
+    }
 }

@@ -4,10 +4,10 @@
 use core::f32::consts::LOG2_E;
 
 use super::tuner::{Radii, UnitImpulse};
-use super::{CLASS_MAX_PA, CLASSES, CROSSOVER, CROWD, Crowd, Flow};
+use super::{CLASS_MAX_PA, CLASSES, CROSSOVER, CROWD, Crowd};
 use crate::fixed::{exp2_neg, neg_log2, pan, reciprocal};
 use crate::frame::BLOCK;
-use crate::kernel::{ALL_STILL, Stroke};
+use crate::kernel::{ALL_STILL, Flow, Stroke};
 use crate::random::Random;
 use crate::resonator::STRIKES_MAX;
 
@@ -24,6 +24,8 @@ const Q42: f32 = (1u64 << 42) as f32;
 pub struct Settings<C: ?Sized = [Crowd]> {
     /// Classes in use.
     pub(super) classes: usize,
+    /// Whether there are births at all.
+    pub(super) flows: bool,
     /// How each class is struck.
     pub(super) flow: [Flow; CLASSES],
     pub(super) law: Law,
@@ -80,6 +82,7 @@ impl<const N: usize> Settings<[Crowd; N]> {
     pub const fn new() -> Self {
         Self {
             classes: 0,
+            flows: false,
             flow: [Flow::NONE; CLASSES],
             law: Law::NONE,
             ears: Ears::MONO,
@@ -98,7 +101,8 @@ impl Settings {
     /// The crowd of a class, where it is one.
     #[inline(always)]
     pub(super) fn crowd(&self, k: usize) -> Option<&Crowd> {
-        self.crowds.get(usize::from(self.flow[k].crowd))
+        self.crowds
+            .get((self.flow[k].crowd as usize).wrapping_sub(1))
     }
 
     /// Whether a class's births are gathered before its resonator runs.
@@ -141,6 +145,7 @@ impl Settings {
         let (mut growing, growth) = radii.power(drive.alpha);
         growing *= drive.depth * drive.pressure;
         let mut crowds = 0;
+        self.flows = false;
         for (k, flow) in self.flow.iter_mut().enumerate() {
             if k >= radii.classes {
                 *flow = Flow::NONE;
@@ -152,15 +157,16 @@ impl Settings {
             let crowd = births * (1.0 - risen);
             if crowd > CROWD * BLOCK as f32 && crowds < self.crowds.len() {
                 *flow = Flow::new(births * risen, pressure, &impulses[k], &self.law);
-                flow.crowd = crowds as u8;
                 self.crowds[crowds] = Crowd::new(crowd, pressure, &still, &impulses[k]);
                 crowds += 1;
+                flow.crowd = crowds as u32;
             } else {
                 *flow = Flow::new(births, pressure, &impulses[k], &self.law);
                 if impulses[k].step != 0 {
                     flow.stroke.silent_below = self.law.silent_below(flow.inaudible);
                 }
             }
+            self.flows |= flow.stroke.per_block > 0 || flow.is_crowd();
         }
     }
 }
@@ -296,7 +302,7 @@ impl Flow {
                 coarse: 26u32.saturating_sub(scale),
             },
             scale: scale as u8,
-            crowd: Self::ALONE,
+            crowd: 0,
             // Down to 2^-28 Pa.
             inaudible: if grown == 0 {
                 0

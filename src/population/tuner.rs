@@ -76,7 +76,7 @@ impl UnitImpulse {
         decay: 0,
         step: 0,
         second: [0; 2],
-        growth: 1.0,
+        growth: 0.0,
         mean: [0.0; 2],
         spread: [0.0; 3],
     };
@@ -142,8 +142,8 @@ impl Class {
 /// Which of the two banks.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Place {
-    /// The one that is struck now.
-    Live,
+    /// The one that is struck now. Not 0: so a [`Tuner`] that is off is zero all over.
+    Live = 1,
     /// The other one, which has rung out.
     Next,
 }
@@ -240,25 +240,26 @@ pub struct Tuner {
 
 impl Tuner {
     /// Tuned to nothing.
-    pub fn new(sample_rate: f64) -> Self {
-        Self {
-            sample_rate,
-            ring_out: libm::ceil(RING_OUT * sample_rate / TICK as f64) as u32,
-            since: u32::MAX,
-            radii: Radii {
-                min: 1.0,
-                max: 1.0,
-                classes: 0,
-            },
-            rise_factor: 0.0,
-            impulses: [[UnitImpulse::NONE; CLASSES]; 2],
-            live: 0,
-            walk: None,
-        }
-    }
+    pub const OFF: Self = Self {
+        sample_rate: 0.0,
+        ring_out: 0,
+        since: 0,
+        radii: Radii {
+            min: 0.0,
+            max: 0.0,
+            classes: 0,
+        },
+        rise_factor: 0.0,
+        impulses: [[UnitImpulse::NONE; CLASSES]; 2],
+        live: 0,
+        walk: None,
+    };
 
     /// Tunes all at once, at the start.
-    pub fn begin(&mut self, radii: Radii, rise_factor: f32) {
+    pub fn start(&mut self, radii: Radii, rise_factor: f32, sample_rate: f64) {
+        self.sample_rate = sample_rate;
+        self.ring_out = libm::ceil(RING_OUT * sample_rate / TICK as f64) as u32;
+        self.since = u32::MAX;
         (self.radii, self.rise_factor) = (radii, rise_factor);
         for slice in self.slices() {
             self.keep(&slice);

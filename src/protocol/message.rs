@@ -309,8 +309,13 @@ pub enum Reply<'a> {
     Boot(Boot<'a>),
     /// How things stand.
     Status(Status<'a>),
-    /// The sound fades out; it comes back in about so many milliseconds.
-    Pause(u32),
+    /// The sound fades out; it comes back when it is done.
+    Pause {
+        /// In about so many milliseconds.
+        ms: u32,
+        /// The frame from which on it fades.
+        at: u64,
+    },
     /// A parameter of a request was refused; the others are not touched by that.
     Skipped(Refusal<'a>),
     /// It is done.

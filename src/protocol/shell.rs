@@ -14,7 +14,7 @@ use super::splitter::{Item, Splitter};
 use super::text::{self, Line};
 use crate::control::{Control, RAMP_MAX};
 use crate::frame::TICK;
-use crate::param::{self, COUNT, TABLE};
+use crate::param::{self, TABLE};
 use crate::scene::Scene;
 
 /// Longest reply, as lines or as a frame, bytes.
@@ -154,8 +154,8 @@ enum List {
         about: bool,
     },
     Values,
-    /// Those of a preset that was recalled, and when it is heard.
-    Recalled(Slot, u64),
+    /// Those of a preset that plays now, from when on, and whether it does from the start.
+    Recalled(Slot, u64, bool),
     Scenes,
     Presets,
     Help(Prefix),
@@ -231,9 +231,16 @@ impl<const OUT: usize> Shell<OUT> {
         &mut self.out
     }
 
-    /// Says who is there, unasked: what a person sees when the power comes on.
+    /// Says who is there, unasked: what a person sees when the power comes on. Where that is a preset, it is told
+    /// before.
     pub fn greet(&mut self, device: &impl Device) {
-        self.hello(Door::Text, device);
+        match device.boot() {
+            BootRecord::Preset(slot) if device.kept(slot).is_ok() => {
+                let list = List::Recalled(slot, device.date(), true);
+                self.begin_list(Door::Text, list, device);
+            }
+            _ => self.hello(Door::Text, device.playing(), device.date(), device),
+        }
     }
 
     /// Takes bytes as they come.
@@ -279,11 +286,12 @@ impl<const OUT: usize> Shell<OUT> {
         !self.lists.is_empty()
     }
 
-    /// The job that this shell began is over.
-    pub fn finished(&mut self, result: Result<(), Refusal<'static>>) {
+    /// The job that this shell began is over, and `device` sounds again.
+    pub fn finished(&mut self, result: Result<(), Refusal<'static>>, device: &impl Device) {
         if let Some((door, awaited)) = self.awaited.take() {
+            let at = Some(device.date());
             let reply = match result {
-                Ok(()) => Reply::Done { at: None },
+                Ok(()) => Reply::Done { at },
                 Err(refusal) => Reply::Refused(refusal),
             };
             self.reply(door, &reply, &awaited.request());
@@ -366,7 +374,7 @@ impl<const OUT: usize> Shell<OUT> {
                 Err(refusal) => Err(refusal),
             },
             Request::Hello => {
-                self.hello(door, device);
+                self.hello(door, device.playing(), device.date(), device);
                 Ok(None)
             }
             Request::Status => {
@@ -384,7 +392,12 @@ impl<const OUT: usize> Shell<OUT> {
                 radius,
                 pressure,
                 rise_factor,
-            } => trigger([*radius, *pressure, *rise_factor], device).map(Some),
+            } => match trigger([*radius, *pressure, *rise_factor], device) {
+                Ok((request, at)) => {
+                    return self.reply(door, &Reply::Done { at: Some(at) }, &request);
+                }
+                Err(refusal) => Err(refusal),
+            },
             Request::Mute(on) => {
                 device.control_mut().mute(*on);
                 Ok(Some(device.date()))
@@ -397,7 +410,7 @@ impl<const OUT: usize> Shell<OUT> {
             }
             Request::Store { .. } | Request::Erase(_) | Request::SetBoot(_) | Request::Restart => {
                 match self.job(door, &request, device) {
-                    Ok(true) => Ok(None),
+                    Ok(true) => Ok(Some(device.date())),
                     Ok(false) => return,
                     Err(refusal) => Err(refusal),
                 }
@@ -410,11 +423,11 @@ impl<const OUT: usize> Shell<OUT> {
         self.reply(door, &reply, &request);
     }
 
-    fn hello(&mut self, door: Door, device: &impl Device) {
-        let scene = device.scene(device.playing());
+    fn hello(&mut self, door: Door, playing: u16, at: u64, device: &impl Device) {
+        let scene = device.scene(playing);
         let hello = Hello {
             scene: scene.as_ref().map_or("", |(name, _)| name),
-            at: device.date(),
+            at,
             ..device.hello()
         };
         self.reply(door, &Reply::Hello(hello), &Request::Hello);
@@ -506,12 +519,32 @@ impl<const OUT: usize> Shell<OUT> {
         device: &mut impl Device,
     ) -> Result<(), Refusal<'static>> {
         let preset = device.kept(slot)?;
+        // It must not change while it is told. The first line has to be said now: what is said before it was done before.
+        let changes = self.awaited.as_ref().is_some_and(|(_, job)| match job {
+            Awaited::Store(kept, _) | Awaited::Erase(kept) => *kept == slot,
+            Awaited::Boot(_) | Awaited::Restart => false,
+        });
+        if changes || self.recalling() || self.lists.is_full() || self.out.room() < ITEM_MAX {
+            return Err(Refusal::Busy);
+        }
         let (scene, number) = device.recalled(&preset);
         device.control_mut().load(&scene);
         device.set_playing(number);
-        let list = List::Recalled(slot, device.date());
-        self.begin_list(door, list, device);
+        let listing = Listing {
+            door,
+            list: List::Recalled(slot, device.date(), false),
+            next: 0,
+        };
+        // There is room.
+        let _ = self.lists.push_front(listing);
+        self.go_on(device);
         Ok(())
+    }
+
+    /// Whether a preset is being told.
+    fn recalling(&self) -> bool {
+        let first = self.lists.front();
+        first.is_some_and(|listing| matches!(listing.list, List::Recalled(..)))
     }
 
     /// Begins a job; true where it is done already, false where the reply comes later.
@@ -521,7 +554,7 @@ impl<const OUT: usize> Shell<OUT> {
         request: &Request<'r>,
         device: &mut impl Device,
     ) -> Result<bool, Refusal<'r>> {
-        if self.awaited.is_some() {
+        if self.awaited.is_some() || self.recalling() {
             return Err(Refusal::Busy);
         }
         let (preset, boot);
@@ -548,7 +581,8 @@ impl<const OUT: usize> Shell<OUT> {
             None => Ok(true),
             Some(ms) => {
                 self.awaited = Some((door, awaited));
-                self.reply(door, &Reply::Pause(ms), request);
+                let at = device.date();
+                self.reply(door, &Reply::Pause { ms, at }, request);
                 Ok(false)
             }
         }
@@ -626,17 +660,43 @@ impl<const OUT: usize> Shell<OUT> {
                 }
                 request
             }
-            List::Recalled(slot, date) => {
+            List::Recalled(slot, date, starts) => {
                 let request = Request::Recall(*slot);
-                let other = (at..COUNT).find(|i| device.control().target(*i) != TABLE[*i].default);
-                if let Some(index) = other {
-                    *next = index + 1;
-                    let value = Reply::Value((TABLE[index].id, device.control().target(index)));
-                    self.reply(door, &value, &request);
+                let number = device.playing();
+                match device.scene(number) {
+                    _ if at > 0 => {}
+                    _ if *starts => {
+                        let boot = Reply::Boot(Boot::Preset(*slot));
+                        self.reply(door, &boot, &request);
+                        return true;
+                    }
+                    Some((name, _)) => {
+                        let plays = true;
+                        let scene = Reply::Scene {
+                            number,
+                            name,
+                            plays,
+                        };
+                        self.reply(door, &scene, &request);
+                        return true;
+                    }
+                    None => {}
+                }
+                // The first place was that of the scene.
+                let place = at.saturating_sub(1);
+                let preset = device.kept(*slot).unwrap_or_default();
+                if let Some(pair) = preset.values.get(place) {
+                    *next = place + 2;
+                    self.reply(door, &Reply::Value(*pair), &request);
                     return true;
                 }
-                let at = Some(*date);
-                self.reply(door, &Reply::Done { at }, &request);
+                if *starts {
+                    // Another one may play by now.
+                    let (_, number) = device.recalled(&preset);
+                    self.hello(door, number, *date, device);
+                } else {
+                    self.reply(door, &Reply::Done { at: Some(*date) }, &request);
+                }
                 return false;
             }
             List::Scenes => {
@@ -724,8 +784,11 @@ fn scene<'a>(choice: Choice<'a>, device: &mut impl Device) -> Result<u64, Refusa
     Ok(device.date())
 }
 
-/// Sounds a bubble of so many mm, Pa, and ξ.
-fn trigger<'a>(wanted: [Option<f32>; 3], device: &mut impl Device) -> Result<u64, Refusal<'a>> {
+/// Sounds a bubble of so many mm, Pa, and ξ; says of which, and when.
+fn trigger(
+    wanted: [Option<f32>; 3],
+    device: &mut impl Device,
+) -> Result<(Request<'static>, u64), Refusal<'static>> {
     let usual = [
         param::DROPS_RADIUS,
         param::DROPS_PRESSURE,
@@ -747,7 +810,12 @@ fn trigger<'a>(wanted: [Option<f32>; 3], device: &mut impl Device) -> Result<u64
     let ticks = control
         .trigger(radius * 1e-3, pressure, rise_factor)
         .ok_or(Refusal::Busy)?;
-    Ok(date + u64::from(ticks) * TICK as u64)
+    let request = Request::Trigger {
+        radius: Some(radius),
+        pressure: Some(pressure),
+        rise_factor: Some(rise_factor),
+    };
+    Ok((request, date + u64::from(ticks) * TICK as u64))
 }
 
 /// The settings as they are now, as `name`; without one as what is in the slot is called.

@@ -374,7 +374,7 @@ impl Display for Request<'_> {
             Self::Mute(true) => f.write_str("mute on"),
             Self::Mute(false) => f.write_str("mute off"),
             Self::Presets => f.write_str("presets"),
-            Self::Store { slot: 0, .. } => f.write_str("store"),
+            Self::Store { slot: 0, name: "" } => f.write_str("store"),
             Self::Store { slot, name } => {
                 write!(f, "store {slot}")?;
                 with(f, "", name)
@@ -436,7 +436,7 @@ impl Display for Line<'_> {
             }
             Reply::Boot(boot) => writeln!(f, "boot = {boot}"),
             Reply::Status(status) => status.fmt(f),
-            Reply::Pause(ms) => writeln!(f, "the sound fades out for about {ms} ms"),
+            Reply::Pause { ms, at } => writeln!(f, "pause of about {ms} ms at {at}"),
             Reply::Skipped(refusal) | Reply::Refused(refusal) => writeln!(f, "error {refusal}"),
             Reply::Done { at: Some(at) } => writeln!(f, "ok {} at {at}", self.1),
             Reply::Done { at: None } => writeln!(f, "ok {}", self.1),

@@ -1,6 +1,8 @@
 //! A board with the real firmware, and the desk to compare it with.
 #![allow(dead_code, reason = "each test takes what it needs")]
 
+pub mod talk;
+
 use std::path::PathBuf;
 use std::time::Duration;
 
@@ -50,6 +52,7 @@ pub fn board(scenes: &[(&str, Scene)], seed: u64, setup: Setup) -> Board {
 /// The same of any board.
 pub fn chip(board: Desk, scenes: &[(&str, Scene)], seed: u64, setup: Setup) -> Board {
     let chip = match board {
+        Desk::F411 => Chip::F411,
         Desk::H743 => Chip::H743,
         _ => Chip::F407,
     };

@@ -10,6 +10,7 @@ use embassy_time::Duration;
 use super::f4::CoreClock;
 use super::{Board, Button, Lights};
 use crate::clock::SampleClock;
+use crate::dma::Stream;
 use crate::{audio, i2s, log};
 
 /// The board's name.
@@ -18,6 +19,8 @@ pub const NAME: &str = "STM32F407G-DISC1";
 pub type I2s = embassy_stm32::peripherals::SPI3;
 /// Its independent watchdog.
 pub type Watchdog = embassy_stm32::peripherals::IWDG;
+/// Clock of the core, Hz.
+pub const CORE: u32 = 168_000_000;
 /// What it can hold.
 pub type Capacity = freshet::profile::F407;
 
@@ -32,14 +35,23 @@ pub const CLOCK: SampleClock = SampleClock {
     master_clock: true,
 };
 
-/// I2S3 and the stream and channel of DMA1 that serve it.
+/// I2S3 and the stream and channel that serve it; stream 5 would too, but that is the only one for USART2.
 pub const SPI: pac::spi::Spi = pac::SPI3;
 /// See [`SPI`].
-pub const DMA: pac::dma::Dma = pac::DMA1;
-/// See [`SPI`].
-pub const STREAM: usize = 5;
+pub const DMA: Stream = Stream::new(pac::DMA1, 7);
 /// See [`SPI`].
 pub const CHANNEL: u8 = 0;
+
+/// The serial line's USART, and the streams and the channel that serve it.
+pub const SERIAL: pac::usart::Usart = pac::USART2;
+/// See [`SERIAL`].
+pub type SerialPort = embassy_stm32::peripherals::USART2;
+/// See [`SERIAL`].
+pub const SERIAL_RX: Stream = Stream::new(pac::DMA1, 5);
+/// See [`SERIAL`].
+pub const SERIAL_TX: Stream = Stream::new(pac::DMA1, 6);
+/// See [`SERIAL`].
+pub const SERIAL_CHANNEL: u8 = 4;
 
 /// An interrupt that nothing on this board uses: it stands for the audio task.
 pub const AUDIO_INTERRUPT: interrupt::Interrupt = interrupt::UART5;
@@ -51,7 +63,7 @@ unsafe fn UART5() {
 }
 
 #[interrupt]
-fn DMA1_STREAM5() {
+fn DMA1_STREAM7() {
     i2s::on_interrupt();
 }
 
@@ -67,6 +79,7 @@ pub fn init() -> Board {
         [p.PC7.into(), p.PC10.into(), p.PC12.into(), p.PA4.into()],
         6,
     );
+    super::give_to_serial([p.PA2.into(), p.PA3.into()]);
     // The codec wants its master clock before it is switched on.
     i2s::idle();
     let mut reset = Output::new(p.PD4, Level::Low, Speed::Low);
@@ -91,6 +104,12 @@ pub fn init() -> Board {
         button: Button {
             pin: Input::new(p.PA0, Pull::Down),
             down: true,
+        },
+        #[cfg(feature = "usb")]
+        usb: crate::usb::Pins {
+            port: p.USB_OTG_FS,
+            plus: p.PA12,
+            minus: p.PA11,
         },
         watchdog: p.IWDG,
         trouble: !crystal || codec.is_err(),

@@ -7,6 +7,7 @@ use embassy_stm32::{interrupt, pac, rcc};
 use super::f4::CoreClock;
 use super::{Board, Button, Lights};
 use crate::clock::SampleClock;
+use crate::dma::Stream;
 use crate::{audio, i2s};
 
 /// The board's name.
@@ -15,6 +16,8 @@ pub const NAME: &str = "Black Pill STM32F411";
 pub type I2s = embassy_stm32::peripherals::SPI2;
 /// Its independent watchdog.
 pub type Watchdog = embassy_stm32::peripherals::IWDG;
+/// Clock of the core, Hz.
+pub const CORE: u32 = 96_000_000;
 /// What it can hold.
 pub type Capacity = freshet::profile::F411;
 
@@ -29,14 +32,23 @@ pub const CLOCK: SampleClock = SampleClock {
     master_clock: false,
 };
 
-/// I2S2 and the stream and channel of DMA1 that serve it.
+/// I2S2 and the stream and channel that serve it.
 pub const SPI: pac::spi::Spi = pac::SPI2;
 /// See [`SPI`].
-pub const DMA: pac::dma::Dma = pac::DMA1;
-/// See [`SPI`].
-pub const STREAM: usize = 4;
+pub const DMA: Stream = Stream::new(pac::DMA1, 4);
 /// See [`SPI`].
 pub const CHANNEL: u8 = 0;
+
+/// The serial line's USART, and the streams and the channel that serve it.
+pub const SERIAL: pac::usart::Usart = pac::USART1;
+/// See [`SERIAL`].
+pub type SerialPort = embassy_stm32::peripherals::USART1;
+/// See [`SERIAL`].
+pub const SERIAL_RX: Stream = Stream::new(pac::DMA2, 5);
+/// See [`SERIAL`].
+pub const SERIAL_TX: Stream = Stream::new(pac::DMA2, 7);
+/// See [`SERIAL`].
+pub const SERIAL_CHANNEL: u8 = 4;
 
 /// An interrupt that nothing on this board uses: it stands for the audio task.
 pub const AUDIO_INTERRUPT: interrupt::Interrupt = interrupt::SPI5;
@@ -61,6 +73,7 @@ pub fn init() -> Board {
     });
     rcc::enable_and_reset::<I2s>();
     super::give_to_i2s([p.PB12.into(), p.PB13.into(), p.PB15.into()], 5);
+    super::give_to_serial([p.PA9.into(), p.PA10.into()]);
     Board {
         lights: Lights {
             alive: Output::new(p.PC13, Level::High, Speed::Low),
@@ -72,6 +85,12 @@ pub fn init() -> Board {
         button: Button {
             pin: Input::new(p.PA0, Pull::Up),
             down: false,
+        },
+        #[cfg(feature = "usb")]
+        usb: crate::usb::Pins {
+            port: p.USB_OTG_FS,
+            plus: p.PA12,
+            minus: p.PA11,
         },
         watchdog: p.IWDG,
         trouble: !crystal,

@@ -11,6 +11,7 @@ use embassy_stm32::{Config, interrupt, pac, rcc};
 
 use super::{Board, Button, DMA_PRIORITY, Lights};
 use crate::clock::SampleClock;
+use crate::dma::Stream;
 use crate::{audio, i2s, log};
 
 /// The board's name.
@@ -19,6 +20,8 @@ pub const NAME: &str = "NUCLEO-H743ZI2";
 pub type I2s = embassy_stm32::peripherals::SPI3;
 /// Its independent watchdog.
 pub type Watchdog = embassy_stm32::peripherals::IWDG1;
+/// Clock of the core, Hz.
+pub const CORE: u32 = 480_000_000;
 /// What it can hold.
 pub type Capacity = freshet::profile::H743;
 
@@ -33,14 +36,23 @@ pub const CLOCK: SampleClock = SampleClock {
     master_clock: false,
 };
 
-/// I2S3, the stream of DMA1 that serves it, and what that is asked by (RM0433 table 121).
+/// I2S3, the stream that serves it, and what that is asked by (RM0433 table 121).
 pub const SPI: pac::spi::Spi = pac::SPI3;
 /// See [`SPI`].
-pub const DMA: pac::dma::Dma = pac::DMA1;
-/// See [`SPI`].
-pub const STREAM: usize = 0;
+pub const DMA: Stream = Stream::new(pac::DMA1, 0);
 /// See [`SPI`].
 pub const REQUEST: u8 = 62;
+
+/// The USART on the probe's serial port, the streams that serve it, and what those are asked by, in and out.
+pub const SERIAL: pac::usart::Usart = pac::USART3;
+/// See [`SERIAL`].
+pub type SerialPort = embassy_stm32::peripherals::USART3;
+/// See [`SERIAL`].
+pub const SERIAL_RX: Stream = Stream::new(pac::DMA1, 1);
+/// See [`SERIAL`].
+pub const SERIAL_TX: Stream = Stream::new(pac::DMA1, 2);
+/// See [`SERIAL`].
+pub const SERIAL_REQUESTS: [u8; 2] = [45, 46];
 
 /// An interrupt that nothing on this board uses: it stands for the audio task.
 pub const AUDIO_INTERRUPT: interrupt::Interrupt = interrupt::UART5;
@@ -114,6 +126,14 @@ pub fn init() -> Board {
     config.rcc.apb4_pre = APBPrescaler::DIV2;
     config.rcc.voltage_scale = VoltageScale::Scale0;
     config.rcc.mux.spi123sel = rcc::mux::Saisel::PLL2_P;
+    #[cfg(feature = "usb")]
+    {
+        // 48 MHz of its own, trimmed by what the host sends.
+        config.rcc.hsi48 = Some(rcc::Hsi48Config {
+            sync_from_usb: true,
+        });
+        config.rcc.mux.usbsel = rcc::mux::Usbsel::HSI48;
+    }
     let p = embassy_stm32::init(config);
     // Flash is eight times as slow as the core. No cache for data: it is in the DTCM, and DMA's buffer needs none.
     // SAFETY: only this touches the caches, and nothing but the start runs yet.
@@ -122,6 +142,7 @@ pub fn init() -> Board {
         .enable_icache();
     rcc::enable_and_reset::<I2s>();
     super::give_to_i2s([p.PC10.into(), p.PC12.into(), p.PA4.into()], 6);
+    super::give_to_serial([p.PD8.into(), p.PD9.into()]);
     Board {
         lights: Lights {
             alive: Output::new(p.PB0, Level::Low, Speed::Low),
@@ -133,6 +154,12 @@ pub fn init() -> Board {
         button: Button {
             pin: Input::new(p.PC13, Pull::Down),
             down: true,
+        },
+        #[cfg(feature = "usb")]
+        usb: crate::usb::Pins {
+            port: p.USB_OTG_FS,
+            plus: p.PA12,
+            minus: p.PA11,
         },
         watchdog: p.IWDG1,
         trouble: !clock,

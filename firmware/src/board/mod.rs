@@ -11,7 +11,7 @@ pub use chosen::*;
 
 use embassy_executor::SendSpawner;
 use embassy_stm32::Peri;
-use embassy_stm32::gpio::{AfType, AnyPin, Flex, Input, Output, OutputType, Speed};
+use embassy_stm32::gpio::{AfType, AnyPin, Flex, Input, Output, OutputType, Pull, Speed};
 use embassy_stm32::interrupt::{InterruptExt, Priority};
 
 /// The DMA's interrupt goes above the audio task's, and that above all else.
@@ -24,6 +24,9 @@ pub struct Board {
     pub lights: Lights,
     /// The button that steps through the scenes.
     pub button: Button,
+    /// The USB port.
+    #[cfg(feature = "usb")]
+    pub usb: crate::usb::Pins,
     /// The watchdog, not started.
     pub watchdog: Peri<'static, Watchdog>,
     /// Something did not start as it should: the crystal, or the codec.
@@ -46,6 +49,15 @@ fn give_to_i2s<const N: usize>(pins: [Peri<'static, AnyPin>; N], function: u8) {
         );
         core::mem::forget(pin);
     }
+}
+
+/// Gives the pins that send and receive to the USART for good. An open input would receive noise: it is pulled up.
+fn give_to_serial([tx, rx]: [Peri<'static, AnyPin>; 2]) {
+    const USART: u8 = 7;
+    let [mut tx, mut rx] = [Flex::new(tx), Flex::new(rx)];
+    tx.set_as_af_unchecked(USART, AfType::output(OutputType::PushPull, Speed::Low));
+    rx.set_as_af_unchecked(USART, AfType::input(Pull::Up));
+    core::mem::forget((tx, rx));
 }
 
 /// A button.

@@ -9,7 +9,6 @@
 //!
 //! embassy's ring buffer is not used: after an underrun its write index may land in the middle of a frame.
 
-mod dma;
 #[cfg_attr(any(feature = "f407", feature = "f411"), path = "f4.rs")]
 #[cfg_attr(feature = "h743", path = "h7.rs")]
 mod hardware;
@@ -18,11 +17,13 @@ use core::cell::UnsafeCell;
 use core::sync::atomic::{AtomicBool, AtomicI32, AtomicU32, Ordering::Relaxed};
 use core::task::Poll;
 
+use embassy_stm32::pac::dma::vals::Dir;
 use embassy_stm32::rcc;
 use embassy_sync::waitqueue::AtomicWaker;
 use freshet::{BLOCK, Block, Frame};
 
-use crate::board::{I2s, SPI};
+use crate::board::{DMA, I2s, SPI};
+use crate::dma::Transfer;
 
 /// Frames of a fade that stand ready, in case no block comes: 40 µs of interrupt latency.
 const AHEAD: usize = 2;
@@ -50,6 +51,8 @@ static LATE: AtomicU32 = AtomicU32::new(0);
 /// Hardware errors.
 static ERRORS: AtomicU32 = AtomicU32::new(0);
 static FAILED: AtomicBool = AtomicBool::new(false);
+/// No block is wanted for a while.
+static HELD: AtomicBool = AtomicBool::new(false);
 static WAKER: AtomicWaker = AtomicWaker::new();
 
 /// What the audio task is woken for.
@@ -89,21 +92,58 @@ pub fn restart() {
     TURN.store(0, Relaxed);
     FILLED.store(0, Relaxed);
     FAILED.store(false, Relaxed);
-    hardware::start(HALVES.0.get().cast(), 2 * HALF);
+    hardware::prepare();
+    let transfer = Transfer {
+        register: hardware::register(),
+        buffer: HALVES.0.get().cast(),
+        items: 2 * HALF * hardware::ITEMS,
+        size: hardware::SIZE,
+        dir: Dir::MEMORY_TO_PERIPHERAL,
+        circular: true,
+        urgent: true,
+    };
+    DMA.start(&transfer, |w| {
+        hardware::route(w);
+        w.set_htie(true);
+        w.set_tcie(true);
+        w.set_teie(true);
+        w.set_dmeie(true);
+    });
+    hardware::enable();
 }
 
 /// Stops both, the I2S block first, and leaves nothing in it: a half-word kept from before would put all that follows
 /// out of place.
 fn stop() {
     rcc::enable_and_reset_without_stop::<I2s>();
-    dma::stop();
+    DMA.stop();
+}
+
+/// Plays silence and wants nothing, until [`release`]: the core may stand still meanwhile. From below the audio task, so
+/// that this does not come in the middle of a block.
+pub fn hold() {
+    cortex_m::interrupt::free(|_| {
+        HELD.store(true, Relaxed);
+        FILLED.store(NOBODY, Relaxed);
+        end_with(Frame::ZERO);
+        // SAFETY: interrupts are masked, and DMA only reads.
+        unsafe { *HALVES.0.get() = [[0; HALF]; 2] };
+    });
+}
+
+/// Blocks are wanted again, from the next half on.
+pub fn release() {
+    HELD.store(false, Relaxed);
+    WAKER.wake();
 }
 
 /// Waits until something is wanted.
 pub async fn wanted() -> Wanted {
     core::future::poll_fn(|context| {
         WAKER.register(context.waker());
-        if FAILED.load(Relaxed) {
+        if HELD.load(Relaxed) {
+            Poll::Pending
+        } else if FAILED.load(Relaxed) {
             Poll::Ready(Wanted::Restart)
         } else if TURN.load(Relaxed) != FILLED.load(Relaxed) {
             Poll::Ready(Wanted::Block)
@@ -159,13 +199,14 @@ pub fn mute() {
 
 /// The DMA's interrupt.
 pub fn on_interrupt() {
-    let flags = dma::acknowledge();
+    let flags = DMA.take_flags();
     // An underrun of the I2S block means that words were lost: the channels may have changed places.
     if flags.failed || SPI.sr().read().udr() {
         stop();
         ERRORS.fetch_add(1, Relaxed);
         FAILED.store(true, Relaxed);
-    } else if let Some(left) = flags.left {
+    } else if flags.half || flags.whole {
+        let left = DMA.left();
         let turn = TURN.load(Relaxed);
         // Half 1 begins to play in odd turns; an interrupt that was held up may have missed one.
         let second = left <= HALF * hardware::ITEMS;

@@ -178,7 +178,8 @@ pub fn render(request: &Request, stop: &Arc<AtomicBool>) -> Result<Report> {
         stats: Stats::default(),
         stopped,
         interrupted: stopped && stop.load(Ordering::Relaxed),
-        rate_cut: None,
+        cuts: Vec::new(),
+        share: None,
         elapsed: begun.elapsed(),
         lines: lines(&player, options, gain_db, given || output == Output::Raw),
     };
