@@ -6,6 +6,7 @@
 use heapless::{Deque, Vec};
 
 use crate::bubble::ENTRAINMENT;
+use crate::cloud::{self, Keep};
 use crate::drops::{self, Drops};
 use crate::fixed::to_fixed;
 use crate::frame::{BLOCK, TICK};
@@ -105,6 +106,8 @@ pub struct Control {
     /// How high the water stands, from 0 to 1, and ticks until that is looked at again.
     height: f32,
     settled: u32,
+    /// Part of the births that the swell leaves.
+    flow: f32,
     drops: Drops,
     tuner: Tuner,
     /// What the water is driven by, and a number for it that differs from the one before.
@@ -144,6 +147,7 @@ impl Control {
         swell: Swell::OFF,
         height: 0.0,
         settled: 0,
+        flow: 0.0,
         drops: Drops::OFF,
         tuner: Tuner::OFF,
         drive: Drive::NONE,
@@ -337,6 +341,27 @@ impl Control {
         self.drops.tick(&drops, &mut update.strikes);
     }
 
+    /// The same tick for the cloud, whose size is a profile's; after [`Control::tick`].
+    pub fn tick_cloud(&self, keeper: &mut impl Keep, update: &mut Update) {
+        let [a, b] = [param::CLOUD_RADIUS_MIN, param::CLOUD_RADIUS_MAX].map(|i| self.at(i) * 1e-3);
+        let settings = cloud::Settings {
+            bubbles: self.at(param::CLOUD_BUBBLES) as usize,
+            rate: self.at(param::CLOUD_RATE) * self.flow,
+            split: self.at(param::CLOUD_SPLIT),
+            pushes: self.at(param::CLOUD_PUSHES) * self.flow,
+            radius_min: a.min(b),
+            radius_max: a.max(b),
+            gamma: self.at(param::CLOUD_GAMMA),
+            spacing: self.at(param::CLOUD_SPACING),
+            depth: self.at(param::CLOUD_DEPTH) * 1e-3,
+            coupling: self.at(param::CLOUD_COUPLING),
+            pressure: self.at(param::CLOUD_PRESSURE),
+            drift: self.at(param::CLOUD_DRIFT),
+            width: self.at(param::WIDTH),
+        };
+        keeper.tick(&settings, &mut update.cloud);
+    }
+
     /// The mix's settings, for an audio path that begins now.
     pub fn mix(&self) -> mix::Settings {
         mix_settings(self.mixed)
@@ -378,6 +403,7 @@ impl Control {
             0.0 => 0.0,
             depth => depth * (1.0 - self.height),
         };
+        self.flow = (1.0 - ebb) * (1.0 - ebb);
         let law = self.at(param::LAW) as usize;
         let gamma = if law == 1 { self.at(param::GAMMA) } else { 0.0 };
         let weight = |k| match law {
@@ -387,7 +413,7 @@ impl Control {
         let entrained = self.at(param::EXCITATION) == 1.0;
         let impact = |value: f32, other: f32| if entrained { other } else { value };
         Drive {
-            rate: self.at(param::RATE).min(self.limits.rate) * (1.0 - ebb) * (1.0 - ebb),
+            rate: self.at(param::RATE).min(self.limits.rate) * self.flow,
             gamma: gamma + ebb * self.at(param::SWELL_FIZZ),
             weight: core::array::from_fn(weight),
             alpha: impact(self.at(param::ALPHA), 0.0),

@@ -1,5 +1,6 @@
 //! What a board can hold: a set of compile-time capacities.
 
+use crate::cloud::{Hold, Keep, Keeper, Store};
 use crate::population::Crowd;
 use crate::update::Update;
 use crate::voices::Voice;
@@ -34,11 +35,19 @@ pub trait Profile: Clone + Send + core::fmt::Debug {
     type Update: AsRef<Update> + AsMut<Update> + Clone + Send + core::fmt::Debug;
     /// An empty one.
     fn update() -> Self::Update;
+    /// Where the cloud lives.
+    type Cloud: Hold + Clone + Send + core::fmt::Debug;
+    /// At rest.
+    const CLOUD: Self::Cloud;
+    /// Where its control path lives.
+    type Keeper: Keep + Clone + Send + core::fmt::Debug;
+    /// Before it starts, with nobody in it.
+    const KEEPER: Self::Keeper;
 }
 
 macro_rules! board {
     ($(#[$doc:meta])* $type:ident, $name:literal, $voices:literal, $rate:literal, $classes:literal,
-     $births:literal, $crowds:literal) => {
+     $births:literal, $crowds:literal, $clusters:literal) => {
         $(#[$doc])*
         #[derive(Clone, Copy, Debug)]
         pub struct $type;
@@ -57,19 +66,24 @@ macro_rules! board {
             fn update() -> Self::Update {
                 Update::new()
             }
+            // One cluster more for what rings out; a row of the core for each cluster and ear, by groups of eight.
+            type Cloud = Store<{ $clusters + 1 }, { $clusters + 3 }, { $clusters / 8 * ($clusters + 2) }>;
+            const CLOUD: Self::Cloud = Store::REST;
+            type Keeper = Keeper<$clusters>;
+            const KEEPER: Self::Keeper = Keeper::OFF;
         }
     };
 }
 
 board!(
     /// STM32F411, 100 MHz.
-    F411, "f411", 12, 80_000.0, 22, 130, 2
+    F411, "f411", 12, 80_000.0, 22, 130, 2, 8
 );
 board!(
     /// STM32F407, 168 MHz.
-    F407, "f407", 48, 200_000.0, 64, 280, 4
+    F407, "f407", 48, 200_000.0, 64, 280, 4, 16
 );
 board!(
     /// STM32H743, 480 MHz.
-    H743, "h743", 256, 500_000.0, 64, 600, 10
+    H743, "h743", 256, 500_000.0, 64, 600, 10, 32
 );

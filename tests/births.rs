@@ -12,7 +12,7 @@ use freshet::mix::Output;
 use freshet::observer::{Birth, Crowd, Observer};
 use freshet::param;
 use freshet::population;
-use freshet::profile::{Limits, Profile};
+use freshet::profile::{F411, Limits, Profile};
 use freshet::scene::Scene;
 use freshet::stats::Stats;
 use freshet::voices::Voice;
@@ -855,6 +855,10 @@ impl Profile for Small {
     fn update() -> Self::Update {
         Update::new()
     }
+    type Cloud = <F411 as Profile>::Cloud;
+    const CLOUD: Self::Cloud = F411::CLOUD;
+    type Keeper = <F411 as Profile>::Keeper;
+    const KEEPER: Self::Keeper = F411::KEEPER;
 }
 
 #[test]

@@ -10,7 +10,7 @@ use freshet::mix::Output;
 use freshet::observer::{Birth, Crowd, Observer};
 use freshet::param;
 use freshet::population;
-use freshet::profile::{Limits, Profile};
+use freshet::profile::{F411, Limits, Profile};
 use freshet::stats::Stats;
 use freshet::voices::{Pitch, Strike, Voice};
 use freshet::{Frame, Instrument, TICK, Update};
@@ -318,6 +318,10 @@ impl Profile for Tight {
     fn update() -> Self::Update {
         Update::new()
     }
+    type Cloud = <F411 as Profile>::Cloud;
+    const CLOUD: Self::Cloud = F411::CLOUD;
+    type Keeper = <F411 as Profile>::Keeper;
+    const KEEPER: Self::Keeper = F411::KEEPER;
 }
 
 /// Every counter, by name.

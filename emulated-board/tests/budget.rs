@@ -80,6 +80,28 @@ fn the_audio_path_stays_within_its_budget() {
     }
 }
 
+/// A cloud alone, with all births that it may have.
+fn cloud(bubbles: u32) -> Scene {
+    let text = format!(
+        "[water]\nrate = 0\n[cloud]\nbubbles = {bubbles}\nrate = 100\nradius_min = 0.7\nradius_max = 6"
+    );
+    SceneFile::parse("cloud", &text).expect("valid").scene
+}
+
+#[test]
+fn bubbles_that_hear_each_other_stay_within_their_budget() {
+    for (bubbles, most) in [(64, 676.0), (128, 1_212.0)] {
+        let (mean, busiest, tick) = cost(&cloud(bubbles));
+        println!("{bubbles} bubbles {mean:6.0} mean {busiest:6.0} busiest block; tick {tick}");
+        assert!(mean <= most, "{bubbles}: {mean:.0} instructions a sample");
+        assert!(
+            busiest <= IN_TIME,
+            "{bubbles}: {busiest:.0} in the busiest block"
+        );
+        assert!(tick <= 75_000, "{bubbles}: a tick of {tick} instructions");
+    }
+}
+
 /// Classes of [`population`].
 const CLASSES: f64 = 50.0;
 

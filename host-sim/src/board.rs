@@ -33,6 +33,10 @@ impl Profile for Desk {
     fn update() -> Self::Update {
         Update::new()
     }
+    type Cloud = <H743 as Profile>::Cloud;
+    const CLOUD: Self::Cloud = H743::CLOUD;
+    type Keeper = <H743 as Profile>::Keeper;
+    const KEEPER: Self::Keeper = H743::KEEPER;
 }
 
 /// Whose capacities to play with.
