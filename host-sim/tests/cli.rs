@@ -1333,8 +1333,8 @@ fn what_tracks_cannot_do_is_refused_before_a_file_is_touched() {
     folder.write("bad.txt", "Bub 0 0.003\n  Start: N zero\n");
     for (line, words) in [
         (
-            "render pair.txt --solver fixed",
-            vec!["--solver fixed", "dense or reduced"],
+            "render pair.txt --solver exact",
+            vec!["'exact'", "dense, reduced"],
         ),
         (
             "render pair.txt --epsilon 1",

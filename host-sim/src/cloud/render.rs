@@ -93,14 +93,9 @@ impl CouplingOptions {
 /// Renders a file of tracks as [`crate::render::render`] does a scene.
 ///
 /// # Errors
-/// What cannot be read, written or solved; `--solver fixed`, which is not there yet.
+/// What cannot be read, written or solved.
 pub fn render(request: &Request, stop: &Arc<AtomicBool>) -> Result<Report> {
     let options = &request.coupling;
-    if options.solver == Some(Choice::Fixed) {
-        bail!(
-            "--solver fixed: the board's own cloud cannot play tracks in this freshet yet (use --solver dense or reduced)"
-        );
-    }
     if request.events.is_some() {
         bail!("--events: a file of tracks has no births to log, for it lists them itself");
     }

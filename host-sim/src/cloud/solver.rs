@@ -14,8 +14,6 @@ pub enum Choice {
     Dense,
     /// Exact inside clusters, by moments between them
     Reduced,
-    /// As the core does on a board, in fixed point
-    Fixed,
 }
 
 /// Up to so many bubbles the dense solver is the faster one.
@@ -52,7 +50,7 @@ impl Method {
     fn is_dense(&self, count: usize) -> bool {
         match self.choice {
             Some(Choice::Dense) => true,
-            Some(_) => false,
+            Some(Choice::Reduced) => false,
             None => count <= DENSE_UP_TO,
         }
     }
