@@ -174,6 +174,11 @@ fn what_is_odd_is_counted_with_its_line() {
             Oddity::Negative,
             1,
         ),
+        (
+            "Bub 0 1e-3\n 0.1 3000 0 0 0\n Start: N 0.1\n End: C 0.2\n".into(),
+            Oddity::SampleAboveStart,
+            2,
+        ),
     ] {
         assert_eq!(odd(&text, oddity), (1, vec![line]), "{oddity:?}: {text}");
     }
@@ -215,7 +220,7 @@ fn what_cannot_be_understood_is_refused_with_line_and_reason() {
         ("Bub 0 1.5\n", 1, "in metres"),
         ("Bub 0 nan\n", 1, "the radius"),
         ("Bub 0 1e-3 5\n", 1, "end of the line"),
-        ("Bub 0 1e-3\n 0 3000 0 0 0\n", 2, "`Start:`"),
+        ("Bub 0 1e-3\n 0 3000 0 0 0\n", 1, "`Start:`"),
         ("Bub 0 1e-3\nBub 1 1e-3\n", 1, "no `Start:`"),
         ("Bub 0 1e-3\n Start: X 0\n", 2, "N entrained"),
         ("Bub 0 1e-3\n Start: N inf\n", 2, "the start"),

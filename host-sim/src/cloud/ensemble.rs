@@ -365,8 +365,10 @@ impl Ensemble {
                 bubble.v *= scale;
                 bubble.changed |= scale != 1.0;
                 bubble.place = place;
-                bubble.tone = tone;
-                self.tune(&mut bubble);
+                if bubble.tone != tone {
+                    bubble.tone = tone;
+                    self.tune(&mut bubble);
+                }
                 self.bubbles[at] = bubble;
                 true
             }
@@ -486,10 +488,7 @@ impl Ensemble {
             Ok(solver) => Ok(solver),
             Err(Indefinite) if method.coupling.kernel == Kernel::Cb => {
                 let time = self.frame as f64 / method.rate;
-                bail!(
-                    "at {time:.4} s: {}",
-                    modes::refusal(&method.coupling, f64::NAN)
-                )
+                bail!("at {time:.4} s: {}", modes::refusal(&method.coupling, ""))
             }
             Err(Indefinite) => {
                 // Depths that are not those under a plane: without the image it always holds.

@@ -85,13 +85,14 @@ pub fn least_eigenvalue(mass: &Mat<f64>) -> f64 {
 pub fn checked_matrix(coupling: &Coupling, places: &[Place]) -> Result<Mat<f64>> {
     let mass = coupling.matrix(places);
     if mass.llt(Side::Lower).is_err() {
-        bail!("{}", refusal(coupling, least_eigenvalue(&mass)));
+        let least = format!(" (least eigenvalue {:.4})", least_eigenvalue(&mass));
+        bail!("{}", refusal(coupling, &least));
     }
     Ok(mass)
 }
 
-/// Why a cloud with this least eigenvalue is refused.
-pub fn refusal(coupling: &Coupling, least: f64) -> String {
+/// Why a cloud is refused; `how` says more about its matrix, or nothing.
+pub fn refusal(coupling: &Coupling, how: &str) -> String {
     let advice = match coupling.kernel {
         Kernel::Cb => {
             "CB's kernel holds only for similar radii or bubbles well apart: use --kernel definite, or a larger --epsilon"
@@ -101,7 +102,7 @@ pub fn refusal(coupling: &Coupling, least: f64) -> String {
         }
     };
     format!(
-        "the mass matrix is not positive definite (least eigenvalue {least:.4}): some motion of the cloud would have \
+        "the mass matrix is not positive definite{how}: some motion of the cloud would have \
          negative mass and grow without end. {advice}"
     )
 }

@@ -13,10 +13,10 @@ use faer::linalg::solvers::DenseSolveCore;
 use faer::{Mat, Side};
 
 use super::coupling::{Coupling, Kernel, Place};
-use super::wide::{Simd, Wide, block_times, dot16, tile_times, wide};
+use super::wide::{self, Aligned, Simd, Wide, block_times, tile_times, wide};
 
 /// Most bubbles in a cluster, and the width of a block.
-pub const SIZE: usize = 16;
+pub const SIZE: usize = 32;
 /// Moments of a cluster.
 pub const MOMENTS: usize = 4;
 /// What is left of M̃'s least eigenvalue for certain.
@@ -28,10 +28,12 @@ const REFINE: usize = 1024;
 /// Rounds of swaps.
 const SWEEPS: usize = 4;
 /// Places left empty in a new cluster, on average.
-const ROOM: usize = 2;
+const ROOM: usize = 4;
 
 type Row = [f64; SIZE];
 type Square = [Row; SIZE];
+/// The same as it is solved with.
+type Short = [f32; SIZE];
 /// One row a moment.
 type Moments<const R: usize> = [Row; R];
 
@@ -49,15 +51,17 @@ struct Members {
 pub struct Clustered<const R: usize> {
     /// Which bubble stands at each place, [`SIZE`] places a cluster; `usize::MAX` where none does.
     order: Vec<usize>,
-    /// B⁻¹ of each cluster, symmetric.
-    inverse: Vec<Square>,
+    /// B⁻¹ of each cluster, symmetric. In f32, as all below: speed is memory here, and rounding stays some 130 dB below
+    /// what sounds, far nearer than the approximation.
+    inverse: Vec<Aligned<[Short; SIZE]>>,
     /// V of each cluster.
-    reach: Vec<Moments<R>>,
-    /// W in tiles of rows: for each tile, column after column. In f32: it is the far part of the coupling alone, and its
-    /// rounding stays some 120 dB below that.
-    core: Vec<[f32; TILE]>,
+    reach: Vec<[Short; R]>,
+    /// W in tiles of rows: for each tile, column after column.
+    core: Vec<Aligned<[f32; TILE]>>,
     /// Columns of W.
     rows: usize,
+    /// B⁻¹x.
+    near: Vec<Short>,
     sums: Vec<f32>,
     answer: Vec<f32>,
 }
@@ -157,13 +161,13 @@ impl<const R: usize> Clustered<R> {
                     v[m][i] /= lower[m][m];
                 }
             }
-            inverse.push(block);
-            reach.push(v);
+            inverse.push(Aligned(block.map(short)));
+            reach.push(v.map(short));
             scale.push(lower);
         }
         let rows = clusters * R;
         let padded = rows.next_multiple_of(TILE);
-        let mut core = vec![[0.0f32; TILE]; padded / TILE * rows];
+        let mut core = vec![Aligned([0.0f32; TILE]); padded / TILE * rows];
         if clusters > 1 {
             let mut inner = Mat::<f64>::identity(rows, rows);
             for q in 0..clusters {
@@ -190,7 +194,7 @@ impl<const R: usize> Clustered<R> {
                     for i in 0..TILE.min(rows - tile * TILE) {
                         let row = tile * TILE + i;
                         let one = if row == j { 1.0 } else { 0.0 };
-                        core[tile * rows + j][i] = (one - inverted[(row, j)]) as f32;
+                        core[tile * rows + j].0[i] = (one - inverted[(row, j)]) as f32;
                     }
                 }
             }
@@ -201,6 +205,7 @@ impl<const R: usize> Clustered<R> {
             reach,
             core,
             rows,
+            near: vec![[0.0; SIZE]; clusters],
             sums: vec![0.0; padded],
             answer: vec![0.0; padded],
         })
@@ -257,34 +262,47 @@ impl<const R: usize> Wide for Solve<'_, R> {
             reach,
             core,
             rows,
+            near,
             sums,
             answer,
             ..
         } = self.of;
         let (x, _) = self.x.as_chunks::<SIZE>();
         let (out, _) = self.out.as_chunks_mut::<SIZE>();
-        for (p, ((x, out), block)) in x.iter().zip(&mut *out).zip(&*inverse).enumerate() {
-            *out = block_times(simd, block, x);
+        for (p, ((x, near), block)) in x.iter().zip(&mut *near).zip(&*inverse).enumerate() {
+            let x = short(*x);
+            block_times(simd, &block.0, &x, near);
             for m in 0..R {
-                sums[p * R + m] = dot16(simd, &reach[p][m], x) as f32;
+                sums[p * R + m] = wide::dot(simd, &reach[p][m], &x);
             }
         }
-        if reach.len() == 1 {
-            return;
+        if reach.len() > 1 {
+            for (tile, answer) in answer.as_chunks_mut::<TILE>().0.iter_mut().enumerate() {
+                let columns = &core[tile * *rows..(tile + 1) * *rows];
+                tile_times(simd, columns, sums, answer);
+            }
         }
-        for (tile, answer) in answer.as_chunks_mut::<TILE>().0.iter_mut().enumerate() {
-            let columns = &core[tile * *rows..(tile + 1) * *rows];
-            tile_times(simd, columns, sums, answer);
-        }
-        for (p, out) in out.iter_mut().enumerate() {
+        for (p, (out, near)) in out.iter_mut().zip(&mut *near).enumerate() {
             for m in 0..R {
-                let w = f64::from(answer[p * R + m]);
+                let w = answer[p * R + m];
                 for i in 0..SIZE {
-                    out[i] -= reach[p][m][i] * w;
+                    near[i] -= reach[p][m][i] * w;
                 }
+            }
+            for i in 0..SIZE {
+                out[i] = f64::from(near[i]);
             }
         }
     }
+}
+
+#[inline(always)]
+fn short(row: Row) -> Short {
+    let mut short = [0.0; SIZE];
+    for i in 0..SIZE {
+        short[i] = row[i] as f32;
+    }
+    short
 }
 
 impl<const R: usize> Factors<R> {
@@ -333,7 +351,7 @@ impl<const R: usize> Factors<R> {
                 let felt = far.felt(simd, &sources[p], &sources[q], groups[q].len());
                 for m in 0..R {
                     for n in 0..R {
-                        let g = dot16(simd, &answer[p][m], &felt[n]);
+                        let g = dot(&answer[p][m], &felt[n]);
                         between[(p * R + m, q * R + n)] = g;
                         between[(q * R + n, p * R + m)] = g;
                     }
@@ -876,7 +894,7 @@ mod tests {
     fn newcomers_find_a_cluster_until_there_is_no_room() {
         let coupling = Coupling::default();
         let places = ball(60, 0.04, 0.5e-3, 3e-3, 7);
-        let mut homes: Vec<usize> = (0..60).map(|i| i / 12).collect();
+        let mut homes: Vec<usize> = (0..60).map(|i| i / 24).collect();
         homes[7] = usize::MAX;
         let groups = rehomed(&coupling, &places, &homes).unwrap();
         assert_eq!(groups.iter().map(Vec::len).sum::<usize>(), 60);

@@ -28,13 +28,8 @@ pub fn read(path: &Path) -> Result<Vec<Place>> {
             csv::ErrorKind::UnequalLengths {
                 expected_len, len, ..
             } => format!("expected {expected_len} fields, got {len}"),
-            _ => {
-                let text = error.to_string();
-                text.split(" (os error")
-                    .next()
-                    .unwrap_or_default()
-                    .to_owned()
-            }
+            csv::ErrorKind::Io(error) => return cannot_read(path, error),
+            _ => error.to_string(),
         };
         anyhow!("{name}:{line}: {what}")
     };

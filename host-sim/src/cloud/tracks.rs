@@ -62,7 +62,9 @@ pub enum Oddity {
     NoSamples,
     /// One sample only.
     OneSample,
-    /// A sample before the `Start`.
+    /// A sample in a line above the `Start:`.
+    SampleAboveStart,
+    /// A sample earlier than the `Start`.
     SampleBeforeStart,
     /// A sample after the `End`.
     SampleAfterEnd,
@@ -107,6 +109,7 @@ impl Oddity {
                 "bubbles have no samples: pitch from the radius, and they sound alone"
             }
             Self::OneSample => "bubbles have one sample only, which holds for their whole life",
+            Self::SampleAboveStart => "samples stand above the Start of their bubble and are kept",
             Self::SampleBeforeStart => "samples come before the Start and are kept",
             Self::SampleAfterEnd => "samples come after the End and are kept",
             Self::Unordered => "bubbles have samples out of order, which were sorted",
@@ -267,12 +270,6 @@ impl Tracks {
     /// A file that cannot be read, is no file of tracks, or says something that cannot be understood, with its line.
     pub fn open(path: &Path, stop: &AtomicBool) -> Result<Self> {
         let file = File::open(path).map_err(|error| cannot_read(path, &error))?;
-        if file.metadata().is_ok_and(|meta| meta.is_dir()) {
-            bail!(
-                "cannot read {}: it is a folder (give the name of a file in it)",
-                path.display()
-            );
-        }
         Self::read(path, file, stop)
     }
 
@@ -586,7 +583,7 @@ impl Reader<'_> {
                 .error("a sample outside any bubble: expected `Bub <number> <radius>` before it"));
         };
         if raw.track.start.is_nan() {
-            return Err(self.error("a sample before the bubble's `Start:`"));
+            self.oddities.note(Oddity::SampleAboveStart, self.line);
         }
         let radius = raw.track.radius;
         let time = self.time("the time", Some(first))?;
