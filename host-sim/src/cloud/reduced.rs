@@ -136,31 +136,10 @@ impl<const R: usize> Clustered<R> {
             }
             invert_block(&mut block)?;
             let field = &factors.field[p];
-            let answer = times(&block, field);
-            let mut inner = [[0.0; R]; R];
-            for m in 0..R {
-                for n in 0..=m {
-                    inner[m][n] = dot(&field[m], &answer[n]);
-                }
-                // A moment that this cluster lacks.
-                if inner[m][m] <= 0.0 {
-                    inner[m][m] = 1.0;
-                }
-            }
-            let lower = cholesky(&inner)?;
-            // V = B⁻¹·S·L⁻ᵀ: forward substitution over the moments.
-            let mut v = answer;
-            for m in 0..R {
-                for n in 0..m {
-                    let (done, rest) = v.split_at_mut(m);
-                    for i in 0..SIZE {
-                        rest[0][i] -= lower[m][n] * done[n][i];
-                    }
-                }
-                for i in 0..SIZE {
-                    v[m][i] /= lower[m][m];
-                }
-            }
+            // V = B⁻¹·S·L⁻ᵀ.
+            let mut v = times(&block, field);
+            let lower = triangle(field, &v);
+            substitute(&lower, &mut v);
             inverse.push(Aligned(block.map(short)));
             reach.push(v.map(short));
             scale.push(lower);
@@ -331,9 +310,13 @@ impl<const R: usize> Factors<R> {
             }
             let mut inverse = block;
             invert_block(&mut inverse)?;
+            // S orthonormal in M_pp⁻¹, and Y.
             let mut moments = moments(&members, group.len());
-            orthonormalise(&inverse, &mut moments);
-            answer.push(times(&inverse, &moments));
+            let mut response = times(&inverse, &moments);
+            let lower = triangle(&moments, &response);
+            substitute(&lower, &mut moments);
+            substitute(&lower, &mut response);
+            answer.push(response);
             all.push(members);
             mass.push(block);
             field.push(moments);
@@ -588,35 +571,54 @@ fn moments<const R: usize>(members: &Members, count: usize) -> Moments<R> {
     moments
 }
 
-/// Makes `SᵀM⁻¹S = I`; a moment that adds nothing to those before becomes 0.
+/// L of `SᵀA` = LLᵀ, lower; a moment that adds nothing to those before gets no row.
 #[inline(always)]
-fn orthonormalise<const R: usize>(inverse: &Square, moments: &mut Moments<R>) {
+fn triangle<const R: usize>(moments: &Moments<R>, answer: &Moments<R>) -> [[f64; R]; R] {
+    let mut lower = [[0.0; R]; R];
     for m in 0..R {
-        let before = energy(inverse, &moments[m]);
-        // Twice is enough.
-        for _ in 0..2 {
-            let response = apply(inverse, &moments[m]);
-            for n in 0..m {
-                let (done, rest) = moments.split_at_mut(m);
-                let part = dot(&done[n], &response);
-                for i in 0..SIZE {
-                    rest[0][i] -= part * done[n][i];
+        let whole = dot(&moments[m], &answer[m]);
+        for n in 0..=m {
+            let mut left = if n == m {
+                whole
+            } else {
+                dot(&moments[m], &answer[n])
+            };
+            for k in 0..n {
+                left -= lower[m][k] * lower[n][k];
+            }
+            if n < m {
+                if lower[n][n] > 0.0 {
+                    lower[m][n] = left / lower[n][n];
                 }
+            } else if left > 1e-8 * whole {
+                lower[m][m] = left.sqrt();
+            } else {
+                lower[m] = [0.0; R];
             }
         }
-        let after = energy(inverse, &moments[m]);
-        let scale = if after > 1e-12 * before && after > 0.0 {
-            after.sqrt().recip()
+    }
+    lower
+}
+
+/// `L⁻¹` times the rows; a row that L lacks becomes 0.
+#[inline(always)]
+fn substitute<const R: usize>(lower: &[[f64; R]; R], rows: &mut Moments<R>) {
+    for m in 0..R {
+        let (done, rest) = rows.split_at_mut(m);
+        for (n, done) in done.iter().enumerate() {
+            for i in 0..SIZE {
+                rest[0][i] -= lower[m][n] * done[i];
+            }
+        }
+        let scale = if lower[m][m] > 0.0 {
+            lower[m][m].recip()
         } else {
             0.0
         };
-        moments[m].iter_mut().for_each(|value| *value *= scale);
+        for i in 0..SIZE {
+            rest[0][i] *= scale;
+        }
     }
-}
-
-#[inline(always)]
-fn energy(inverse: &Square, x: &Row) -> f64 {
-    dot(x, &apply(inverse, x))
 }
 
 #[inline(always)]
@@ -632,18 +634,11 @@ fn dot(a: &Row, b: &Row) -> f64 {
 /// A symmetric block times a vector.
 #[inline(always)]
 fn apply(block: &Square, x: &Row) -> Row {
-    // Four sums that do not wait for each other.
-    let mut sums = [[0.0; SIZE]; 4];
-    for (columns, x) in block.as_chunks::<4>().0.iter().zip(x.as_chunks::<4>().0) {
-        for (k, sum) in sums.iter_mut().enumerate() {
-            for i in 0..SIZE {
-                sum[i] += columns[k][i] * x[k];
-            }
-        }
-    }
     let mut sum = [0.0; SIZE];
-    for i in 0..SIZE {
-        sum[i] = (sums[0][i] + sums[1][i]) + (sums[2][i] + sums[3][i]);
+    for (column, x) in block.iter().zip(x) {
+        for i in 0..SIZE {
+            sum[i] += column[i] * x;
+        }
     }
     sum
 }
@@ -683,26 +678,6 @@ fn invert_block(block: &mut Square) -> Option<()> {
         block[p][p] = recip;
     }
     Some(())
-}
-
-fn cholesky<const R: usize>(inner: &[[f64; R]; R]) -> Option<[[f64; R]; R]> {
-    let mut lower = [[0.0; R]; R];
-    for i in 0..R {
-        for j in 0..=i {
-            let mut sum = inner[i][j];
-            for k in 0..j {
-                sum -= lower[i][k] * lower[j][k];
-            }
-            lower[i][j] = if i > j {
-                sum / lower[j][j]
-            } else if sum > 0.0 {
-                sum.sqrt()
-            } else {
-                return None;
-            };
-        }
-    }
-    Some(lower)
 }
 
 /// The clusters of before, with those gone left out and each newcomer where it couples most and there is room; none
