@@ -149,11 +149,12 @@ struct Lanes {
     own: Vec<f64>,
     /// From a to pressure.
     gain: Vec<f64>,
-    push: Vec<f64>,
     x: Vec<f64>,
     a: Vec<f64>,
     /// Index in `bubbles`; `usize::MAX` none.
     bubble: Vec<usize>,
+    /// Who is struck in this sample, and how much.
+    push: Vec<(usize, f64)>,
 }
 
 /// The solver that is on its way out.
@@ -322,7 +323,8 @@ impl Ensemble {
         for active in &self.pulses {
             let since = now - active.time;
             if since > -h && active.lane != usize::MAX {
-                self.lanes.push[active.lane] += active.gain * active.pulse.around(since, h);
+                let push = active.gain * active.pulse.around(since, h);
+                self.lanes.push.push((active.lane, push));
             }
         }
     }
@@ -534,7 +536,6 @@ impl Ensemble {
             &mut lanes.k,
             &mut lanes.own,
             &mut lanes.gain,
-            &mut lanes.push,
             &mut lanes.x,
             &mut lanes.a,
         ] {
@@ -591,12 +592,15 @@ impl Lanes {
         } = self;
         // One length for all: the loops below need no bounds.
         let (y, v, c, k) = (&mut y[..n], &mut v[..n], &c[..n], &k[..n]);
-        let (own, gain, push) = (&own[..n], &gain[..n], &mut push[..n]);
+        let (own, gain) = (&own[..n], &gain[..n]);
         let (x, a) = (&mut x[..n], &mut a[..n]);
         for i in 0..n {
-            x[i] = push[i] - (c[i] * v[i] + k[i] * y[i]);
-            push[i] = 0.0;
+            x[i] = -(c[i] * v[i] + k[i] * y[i]);
             a[i] = x[i] * own[i];
+        }
+        for (lane, push) in push.drain(..) {
+            x[lane] += push;
+            a[lane] = x[lane] * own[lane];
         }
         if let Some((fade, way)) = fade {
             let answer = &mut fade.answer[..n];

@@ -261,15 +261,18 @@ impl<const R: usize> Wide for Solve<'_, R> {
                 tile_times(simd, columns, sums, answer);
             }
         }
-        for (p, (out, near)) in out.iter_mut().zip(&mut *near).enumerate() {
-            for m in 0..R {
-                let w = answer[p * R + m];
-                for i in 0..SIZE {
-                    near[i] -= reach[p][m][i] * w;
-                }
-            }
+        for (((out, near), reach), far) in out
+            .iter_mut()
+            .zip(near)
+            .zip(reach)
+            .zip(answer.as_chunks::<R>().0)
+        {
             for i in 0..SIZE {
-                out[i] = f64::from(near[i]);
+                let mut sum = near[i];
+                for m in 0..R {
+                    sum -= reach[m][i] * far[m];
+                }
+                out[i] = f64::from(sum);
             }
         }
     }

@@ -465,7 +465,10 @@ impl Reader<'_> {
 
     fn take_line(&mut self, text: &str) -> Result<()> {
         // A comment may also end a line.
-        let text = text.split('#').next().unwrap_or_default();
+        let text = match text.bytes().position(|byte| byte == b'#') {
+            Some(end) => &text[..end],
+            None => text,
+        };
         let mut words = text.split_ascii_whitespace();
         let Some(first) = words.next() else {
             return Ok(());
