@@ -622,19 +622,16 @@ impl Lanes {
             solver.solve(&x[..*coupled], &mut a[..*coupled]);
         }
         let mut sums = [0.0; SIZE];
-        let rows = a
-            .as_chunks::<SIZE>()
-            .0
-            .iter()
-            .zip(gain.as_chunks::<SIZE>().0);
-        for (a, gain) in rows {
+        let rows = a.as_chunks::<SIZE>().0.iter();
+        let rows = rows.zip(gain.as_chunks::<SIZE>().0);
+        let rows = rows.zip(v.as_chunks_mut::<SIZE>().0);
+        let rows = rows.zip(y.as_chunks_mut::<SIZE>().0);
+        for (((a, gain), v), y) in rows {
             for i in 0..SIZE {
                 sums[i] += a[i] * gain[i];
+                v[i] += a[i];
+                y[i] += v[i];
             }
-        }
-        for i in 0..n {
-            v[i] += a[i];
-            y[i] += v[i];
         }
         sums.iter().sum()
     }

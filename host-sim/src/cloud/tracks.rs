@@ -602,7 +602,7 @@ impl Reader<'_> {
             Tone::of_radius(radius).omega0 / std::f64::consts::TAU
         };
         if let Some(pressure) = words.next()
-            && !pressure.parse::<f64>().is_ok_and(f64::is_finite)
+            && !decimal(pressure).is_some_and(f64::is_finite)
         {
             self.oddities.note(Oddity::NoPressure, self.line);
         }
@@ -817,7 +817,7 @@ impl Reader<'_> {
 
     fn any_number(&self, what: &str, word: Option<&str>) -> Result<f64> {
         let text = word.unwrap_or_default();
-        text.parse::<f64>().map_err(|_| {
+        decimal(text).ok_or_else(|| {
             self.error(format_args!(
                 "{what}: expected a number, got `{}`",
                 shortened(text)
@@ -834,8 +834,8 @@ impl Reader<'_> {
         range: &str,
     ) -> Result<f64> {
         let text = word.unwrap_or_default();
-        match text.parse::<f64>() {
-            Ok(value) if (low..=high).contains(&value) => Ok(value),
+        match decimal(text) {
+            Some(value) if (low..=high).contains(&value) => Ok(value),
             _ if text.is_empty() => Err(self.error(format_args!(
                 "{what}: expected a number {range}, got nothing (is the line cut off?)"
             ))),
@@ -845,6 +845,41 @@ impl Reader<'_> {
             ))),
         }
     }
+}
+
+/// A number as [`str::parse`] reads it, to the last bit. These files are little else than numbers of a few digits: one
+/// whose digits fit an f64 is a whole number over a power of ten, both exact, so their quotient is rounded once.
+fn decimal(word: &str) -> Option<f64> {
+    const POWERS: [f64; 16] = [
+        1e0, 1e1, 1e2, 1e3, 1e4, 1e5, 1e6, 1e7, 1e8, 1e9, 1e10, 1e11, 1e12, 1e13, 1e14, 1e15,
+    ];
+    let slowly = || word.parse().ok();
+    let digits = word.strip_prefix('-').unwrap_or(word).as_bytes();
+    // A point and 15 digits stay below 2^53.
+    if !(2..=16).contains(&digits.len()) {
+        return slowly();
+    }
+    let (mut whole, mut after) = (0u64, None);
+    for byte in digits {
+        match byte {
+            b'0'..=b'9' => {
+                whole = 10 * whole + u64::from(byte - b'0');
+                after = after.map(|n: usize| n + 1);
+            }
+            b'.' if after.is_none() => after = Some(0),
+            _ => return slowly(),
+        }
+    }
+    let value = match after {
+        Some(after) => whole as f64 / POWERS[after],
+        // 16 digits may not fit.
+        None => return slowly(),
+    };
+    Some(if digits.len() < word.len() {
+        -value
+    } else {
+        value
+    })
 }
 
 /// Who comes from whom, by index.
@@ -992,4 +1027,29 @@ fn shortened(text: &str) -> String {
         short.push('…');
     }
     short
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::synthetic::Random;
+    use super::*;
+
+    #[test]
+    fn decimals_are_read_to_the_last_bit() {
+        let mut random = Random::new(1);
+        let mut words: Vec<String> = [
+            "", ".", "-", "-.", "5.", ".5", "-0.0", "1.5.2", "nan", "1e3", "+1.5", "--1.0",
+        ]
+        .map(String::from)
+        .into();
+        for _ in 0..100_000 {
+            let digits = (random.bits() % 12) as usize;
+            let value = random.between(-1.0, 1.0) * 10f64.powi((random.bits() % 9) as i32 - 2);
+            words.push(format!("{value:.digits$}"));
+        }
+        for word in &words {
+            let wanted = word.parse::<f64>().ok().map(f64::to_bits);
+            assert_eq!(decimal(word).map(f64::to_bits), wanted, "{word}");
+        }
+    }
 }
