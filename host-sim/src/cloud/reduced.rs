@@ -35,7 +35,7 @@ type Square = [Row; SIZE];
 /// The same as it is solved with.
 type Short = [f32; SIZE];
 /// One row a moment.
-type Moments<const R: usize> = [Row; R];
+type Moments = [Row; MOMENTS];
 
 /// The bubbles of one cluster, side by side; empty places have no radius.
 #[derive(Clone, Copy)]
@@ -46,16 +46,16 @@ struct Members {
     extra: Row,
 }
 
-/// An approximate inverse of `M̃ + E`, with R moments a cluster.
+/// An approximate inverse of `M̃ + E`.
 #[derive(Clone)]
-pub struct Clustered<const R: usize> {
+pub struct Reduced {
     /// Which bubble stands at each place, [`SIZE`] places a cluster; `usize::MAX` where none does.
     order: Vec<usize>,
     /// B⁻¹ of each cluster, symmetric. In f32, as all below: speed is memory here, and rounding stays some 130 dB below
     /// what sounds, far nearer than the approximation.
     inverse: Vec<Aligned<[Short; SIZE]>>,
     /// V of each cluster.
-    reach: Vec<[Short; R]>,
+    reach: Vec<[Short; MOMENTS]>,
     /// W in tiles of rows: for each tile, column after column.
     core: Vec<Aligned<[f32; TILE]>>,
     /// Columns of W.
@@ -66,24 +66,19 @@ pub struct Clustered<const R: usize> {
     answer: Vec<f32>,
 }
 
-/// With all moments.
-pub type Reduced = Clustered<MOMENTS>;
-/// With the first one only, for thousands of bubbles.
-pub type Coarse = Clustered<1>;
-
 /// The approximation before it is inverted.
-struct Factors<const R: usize> {
+struct Factors {
     order: Vec<usize>,
     members: Vec<Members>,
     /// B without E.
     mass: Vec<Square>,
     /// S, orthonormal in M_pp⁻¹.
-    field: Vec<Moments<R>>,
+    field: Vec<Moments>,
     /// G, K × K, its diagonal blocks empty.
     between: Mat<f64>,
 }
 
-impl<const R: usize> Clustered<R> {
+impl Reduced {
     /// For bubbles at `places` with `extra` on the diagonal. `homes` says in which cluster each was before
     /// (`usize::MAX`: in none), or is empty.
     ///
@@ -95,7 +90,7 @@ impl<const R: usize> Clustered<R> {
         homes: &[usize],
     ) -> Option<Self> {
         let groups = rehomed(coupling, places, homes).unwrap_or_else(|| clusters(coupling, places));
-        let factors = wide(Build::<R> {
+        let factors = wide(Build {
             coupling,
             places,
             extra,
@@ -108,7 +103,7 @@ impl<const R: usize> Clustered<R> {
     pub fn matrix(coupling: &Coupling, places: &[Place]) -> Option<Mat<f64>> {
         let groups = clusters(coupling, places);
         let extra = vec![0.0; places.len()];
-        let factors = wide(Build::<R> {
+        let factors = wide(Build {
             coupling,
             places,
             extra: &extra,
@@ -123,7 +118,7 @@ impl<const R: usize> Clustered<R> {
     }
 
     #[inline(always)]
-    fn invert(factors: Factors<R>) -> Option<Self> {
+    fn invert(factors: Factors) -> Option<Self> {
         let clusters = factors.members.len();
         let mut inverse = Vec::with_capacity(clusters);
         let mut reach = Vec::with_capacity(clusters);
@@ -144,7 +139,7 @@ impl<const R: usize> Clustered<R> {
             reach.push(v.map(short));
             scale.push(lower);
         }
-        let rows = clusters * R;
+        let rows = clusters * MOMENTS;
         let padded = rows.next_multiple_of(TILE);
         let mut core = vec![Aligned([0.0f32; TILE]); padded / TILE * rows];
         if clusters > 1 {
@@ -152,17 +147,17 @@ impl<const R: usize> Clustered<R> {
             for q in 0..clusters {
                 for p in q + 1..clusters {
                     // Lᵀ·G·L.
-                    for a in 0..R {
-                        for b in 0..R {
+                    for a in 0..MOMENTS {
+                        for b in 0..MOMENTS {
                             let mut sum = 0.0;
-                            for m in a..R {
-                                for n in b..R {
+                            for m in a..MOMENTS {
+                                for n in b..MOMENTS {
                                     sum += scale[p][m][a]
-                                        * factors.between[(p * R + m, q * R + n)]
+                                        * factors.between[(p * MOMENTS + m, q * MOMENTS + n)]
                                         * scale[q][n][b];
                                 }
                             }
-                            inner[(p * R + a, q * R + b)] = sum;
+                            inner[(p * MOMENTS + a, q * MOMENTS + b)] = sum;
                         }
                     }
                 }
@@ -196,47 +191,47 @@ impl<const R: usize> Clustered<R> {
     }
 }
 
-struct Build<'a, const R: usize> {
+struct Build<'a> {
     coupling: &'a Coupling,
     places: &'a [Place],
     extra: &'a [f64],
     groups: &'a [Vec<usize>],
 }
 
-impl<const R: usize> Wide for Build<'_, R> {
-    type Output = Option<Factors<R>>;
+impl Wide for Build<'_> {
+    type Output = Option<Factors>;
 
     #[inline(always)]
-    fn run<S: Simd>(self, simd: S) -> Option<Factors<R>> {
+    fn run<S: Simd>(self, simd: S) -> Option<Factors> {
         Factors::new(simd, self.coupling, self.places, self.extra, self.groups)
     }
 }
 
-struct Invert<const R: usize> {
-    factors: Factors<R>,
+struct Invert {
+    factors: Factors,
 }
 
-impl<const R: usize> Wide for Invert<R> {
-    type Output = Option<Clustered<R>>;
+impl Wide for Invert {
+    type Output = Option<Reduced>;
 
     #[inline(always)]
-    fn run<S: Simd>(self, _simd: S) -> Option<Clustered<R>> {
-        Clustered::invert(self.factors)
+    fn run<S: Simd>(self, _simd: S) -> Option<Reduced> {
+        Reduced::invert(self.factors)
     }
 }
 
-struct Solve<'a, const R: usize> {
-    of: &'a mut Clustered<R>,
+struct Solve<'a> {
+    of: &'a mut Reduced,
     x: &'a [f64],
     out: &'a mut [f64],
 }
 
-impl<const R: usize> Wide for Solve<'_, R> {
+impl Wide for Solve<'_> {
     type Output = ();
 
     #[inline(always)]
     fn run<S: Simd>(self, simd: S) {
-        let Clustered {
+        let Reduced {
             inverse,
             reach,
             core,
@@ -251,8 +246,8 @@ impl<const R: usize> Wide for Solve<'_, R> {
         for (p, ((x, near), block)) in x.iter().zip(&mut *near).zip(&*inverse).enumerate() {
             let x = short(*x);
             block_times(simd, &block.0, &x, near);
-            for m in 0..R {
-                sums[p * R + m] = wide::dot(simd, &reach[p][m], &x);
+            for m in 0..MOMENTS {
+                sums[p * MOMENTS + m] = wide::dot(simd, &reach[p][m], &x);
             }
         }
         if reach.len() > 1 {
@@ -265,11 +260,11 @@ impl<const R: usize> Wide for Solve<'_, R> {
             .iter_mut()
             .zip(near)
             .zip(reach)
-            .zip(answer.as_chunks::<R>().0)
+            .zip(answer.as_chunks::<MOMENTS>().0)
         {
             for i in 0..SIZE {
                 let mut sum = near[i];
-                for m in 0..R {
+                for m in 0..MOMENTS {
                     sum -= reach[m][i] * far[m];
                 }
                 out[i] = f64::from(sum);
@@ -287,7 +282,7 @@ fn short(row: Row) -> Short {
     short
 }
 
-impl<const R: usize> Factors<R> {
+impl Factors {
     #[inline(always)]
     fn new<S: Simd>(
         simd: S,
@@ -324,10 +319,10 @@ impl<const R: usize> Factors<R> {
             mass.push(block);
             field.push(moments);
         }
-        let rows = groups.len() * R;
+        let rows = groups.len() * MOMENTS;
         let mut between = Mat::zeros(rows, rows);
         let far = Far::new(coupling, places);
-        let sources: Vec<Source<R>> = all
+        let sources: Vec<Source> = all
             .iter()
             .zip(&answer)
             .map(|(members, answer)| far.source(members, answer))
@@ -335,11 +330,11 @@ impl<const R: usize> Factors<R> {
         for q in 0..groups.len() {
             for p in q + 1..groups.len() {
                 let felt = far.felt(simd, &sources[p], &sources[q], groups[q].len());
-                for m in 0..R {
-                    for n in 0..R {
+                for m in 0..MOMENTS {
+                    for n in 0..MOMENTS {
                         let g = dot(&answer[p][m], &felt[n]);
-                        between[(p * R + m, q * R + n)] = g;
-                        between[(q * R + n, p * R + m)] = g;
+                        between[(p * MOMENTS + m, q * MOMENTS + n)] = g;
+                        between[(q * MOMENTS + n, p * MOMENTS + m)] = g;
                     }
                 }
             }
@@ -366,10 +361,10 @@ impl<const R: usize> Factors<R> {
                     self.mass[p][b][a]
                 } else {
                     let mut sum = 0.0;
-                    for m in 0..R {
-                        for n in 0..R {
+                    for m in 0..MOMENTS {
+                        for n in 0..MOMENTS {
                             sum += self.field[p][m][a]
-                                * self.between[(p * R + m, q * R + n)]
+                                * self.between[(p * MOMENTS + m, q * MOMENTS + n)]
                                 * self.field[q][n][b];
                         }
                     }
@@ -455,12 +450,12 @@ struct Far {
 }
 
 /// A cluster as others feel it.
-struct Source<const R: usize> {
+struct Source {
     at: [[f32; SIZE]; 3],
     radius: [f32; SIZE],
     depth: [f32; SIZE],
     /// How much of each moment each bubble is.
-    answer: [[f32; SIZE]; R],
+    answer: [[f32; SIZE]; MOMENTS],
 }
 
 impl Far {
@@ -475,12 +470,12 @@ impl Far {
         }
     }
 
-    fn source<const R: usize>(&self, members: &Members, answer: &Moments<R>) -> Source<R> {
+    fn source(&self, members: &Members, answer: &Moments) -> Source {
         let mut source = Source {
             at: [[0.0; SIZE]; 3],
             radius: [0.0; SIZE],
             depth: [0.0; SIZE],
-            answer: [[0.0; SIZE]; R],
+            answer: [[0.0; SIZE]; MOMENTS],
         };
         for i in 0..SIZE {
             for axis in 0..3 {
@@ -488,7 +483,7 @@ impl Far {
             }
             source.radius[i] = members.radius[i] as f32;
             source.depth[i] = members.depth[i].max(0.0) as f32;
-            for m in 0..R {
+            for m in 0..MOMENTS {
                 source.answer[m][i] = answer[m][i] as f32;
             }
         }
@@ -497,14 +492,8 @@ impl Far {
 
     /// What each bubble of `to` feels of each moment of the `count` bubbles of `from`.
     #[inline(always)]
-    fn felt<const R: usize, S: Simd>(
-        &self,
-        simd: S,
-        to: &Source<R>,
-        from: &Source<R>,
-        count: usize,
-    ) -> [Row; R] {
-        let mut felt = [[0.0f32; SIZE]; R];
+    fn felt<S: Simd>(&self, simd: S, to: &Source, from: &Source, count: usize) -> [Row; MOMENTS] {
+        let mut felt = [[0.0f32; SIZE]; MOMENTS];
         let [x, y, z] = [0, 1, 2].map(
             #[inline(always)]
             |axis| S::as_simd_f32s(&to.at[axis]).0,
@@ -515,7 +504,7 @@ impl Far {
         let half = simd.splat_f32s(0.5 * self.softness);
         let whole = simd.splat_f32s(self.softness);
         for i in 0..x.len() {
-            let mut sums = [simd.splat_f32s(0.0); R];
+            let mut sums = [simd.splat_f32s(0.0); MOMENTS];
             for j in 0..count {
                 let dx = simd.sub_f32s(x[i], simd.splat_f32s(from.at[0][j]));
                 let dy = simd.sub_f32s(y[i], simd.splat_f32s(from.at[1][j]));
@@ -538,17 +527,17 @@ impl Far {
                     let image = simd.div_f32s(product, simd.add_f32s(near, depths));
                     mass = simd.sub_f32s(mass, simd.sqrt_f32s(image));
                 }
-                for m in 0..R {
+                for m in 0..MOMENTS {
                     let part = simd.splat_f32s(from.answer[m][j]);
                     sums[m] = simd.mul_add_e_f32s(mass, part, sums[m]);
                 }
             }
-            for m in 0..R {
+            for m in 0..MOMENTS {
                 S::as_mut_simd_f32s(&mut felt[m]).0[i] = sums[m];
             }
         }
-        let mut wide = [[0.0; SIZE]; R];
-        for m in 0..R {
+        let mut wide = [[0.0; SIZE]; MOMENTS];
+        for m in 0..MOMENTS {
             for i in 0..SIZE {
                 wide[m][i] = f64::from(felt[m][i]);
             }
@@ -558,10 +547,10 @@ impl Far {
 }
 
 /// √r·(1, x, y, z) about the middle.
-fn moments<const R: usize>(members: &Members, count: usize) -> Moments<R> {
-    let mut moments = [[0.0; SIZE]; R];
+fn moments(members: &Members, count: usize) -> Moments {
+    let mut moments = [[0.0; SIZE]; MOMENTS];
     let total: f64 = members.radius.iter().sum();
-    for axis in 0..R - 1 {
+    for axis in 0..MOMENTS - 1 {
         let at = &members.at[axis];
         let middle = dot(at, &members.radius) / total;
         for i in 0..count {
@@ -576,9 +565,9 @@ fn moments<const R: usize>(members: &Members, count: usize) -> Moments<R> {
 
 /// L of `SᵀA` = LLᵀ, lower; a moment that adds nothing to those before gets no row.
 #[inline(always)]
-fn triangle<const R: usize>(moments: &Moments<R>, answer: &Moments<R>) -> [[f64; R]; R] {
-    let mut lower = [[0.0; R]; R];
-    for m in 0..R {
+fn triangle(moments: &Moments, answer: &Moments) -> [[f64; MOMENTS]; MOMENTS] {
+    let mut lower = [[0.0; MOMENTS]; MOMENTS];
+    for m in 0..MOMENTS {
         let whole = dot(&moments[m], &answer[m]);
         for n in 0..=m {
             let mut left = if n == m {
@@ -596,7 +585,7 @@ fn triangle<const R: usize>(moments: &Moments<R>, answer: &Moments<R>) -> [[f64;
             } else if left > 1e-8 * whole {
                 lower[m][m] = left.sqrt();
             } else {
-                lower[m] = [0.0; R];
+                lower[m] = [0.0; MOMENTS];
             }
         }
     }
@@ -605,8 +594,8 @@ fn triangle<const R: usize>(moments: &Moments<R>, answer: &Moments<R>) -> [[f64;
 
 /// `L⁻¹` times the rows; a row that L lacks becomes 0.
 #[inline(always)]
-fn substitute<const R: usize>(lower: &[[f64; R]; R], rows: &mut Moments<R>) {
-    for m in 0..R {
+fn substitute(lower: &[[f64; MOMENTS]; MOMENTS], rows: &mut Moments) {
+    for m in 0..MOMENTS {
         let (done, rest) = rows.split_at_mut(m);
         for (n, done) in done.iter().enumerate() {
             for i in 0..SIZE {
@@ -647,9 +636,9 @@ fn apply(block: &Square, x: &Row) -> Row {
 }
 
 #[inline(always)]
-fn times<const R: usize>(block: &Square, moments: &Moments<R>) -> Moments<R> {
-    let mut out = [[0.0; SIZE]; R];
-    for m in 0..R {
+fn times(block: &Square, moments: &Moments) -> Moments {
+    let mut out = [[0.0; SIZE]; MOMENTS];
+    for m in 0..MOMENTS {
         out[m] = apply(block, &moments[m]);
     }
     out
@@ -832,19 +821,19 @@ mod tests {
     use super::*;
 
     /// What is inverted is what the matrix says.
-    fn check<const R: usize>(count: usize) {
+    fn check(count: usize) {
         let coupling = Coupling::default();
         let places = ball(count, 0.04, 0.5e-3, 3e-3, 7);
         let mut random = Random::new(1);
         let extra: Vec<f64> = places.iter().map(|_| random.between(-0.2, 1.0)).collect();
         let x: Vec<f64> = places.iter().map(|_| random.between(-1.0, 1.0)).collect();
-        let mut whole = Clustered::<R>::matrix(&coupling, &places).unwrap();
+        let mut whole = Reduced::matrix(&coupling, &places).unwrap();
         for (i, extra) in extra.iter().enumerate() {
             whole[(i, i)] += extra;
         }
         let right = Mat::from_fn(count, 1, |i, _| x[i]);
         let wanted = whole.llt(Side::Lower).unwrap().solve(right);
-        let mut solver = Clustered::<R>::new(&coupling, &places, &extra, &[]).unwrap();
+        let mut solver = Reduced::new(&coupling, &places, &extra, &[]).unwrap();
         let order = solver.order().to_vec();
         let spread: Vec<f64> = order
             .iter()
@@ -855,7 +844,7 @@ mod tests {
         for (place, &i) in order.iter().enumerate() {
             if i != usize::MAX {
                 let off = (out[place] - wanted[(i, 0)]).abs();
-                assert!(off < 1e-5, "{count} bubbles, {R} moments: {off:.1e}");
+                assert!(off < 1e-5, "{count} bubbles: {off:.1e}");
             }
         }
     }
@@ -863,8 +852,7 @@ mod tests {
     #[test]
     fn it_inverts_the_matrix_it_stands_for() {
         for count in [1, 5, 16, 17, 64, 200] {
-            check::<MOMENTS>(count);
-            check::<1>(count);
+            check(count);
         }
     }
 

@@ -4,7 +4,7 @@ use clap::ValueEnum;
 
 use super::coupling::{Coupling, Place};
 use super::dense::Cholesky;
-use super::reduced::{self, Clustered, Coarse, Reduced};
+use super::reduced::{self, Reduced};
 use super::step::{Step, Tone};
 
 /// How the coupled step is solved.
@@ -18,9 +18,6 @@ pub enum Choice {
 
 /// Up to so many bubbles the dense solver is the faster one.
 pub const DENSE_UP_TO: usize = 48;
-
-/// Beyond so many, clusters keep one moment instead of four, for a core of a sixteenth.
-const REDUCED_UP_TO: usize = 1200;
 
 /// Where a matrix may be indefinite, it is tried whole up to so many bubbles; beyond, only as the reduced solver sees it.
 const CHECKED_UP_TO: usize = 1024;
@@ -91,7 +88,6 @@ pub struct Solver {
 enum Kind {
     Dense(Cholesky),
     Reduced(Box<Reduced>),
-    Coarse(Box<Coarse>),
 }
 
 /// The matrix of a cloud was not positive definite.
@@ -129,37 +125,15 @@ impl Solver {
         if method.is_dense(members.len()) {
             return Self::dense(before, coupling, members).ok_or(Indefinite);
         }
-        if members.len() <= REDUCED_UP_TO {
-            let (order, solver) = before.clustered(coupling, &members)?;
-            Ok(Self {
-                order,
-                members,
-                kind: Kind::Reduced(Box::new(solver)),
-            })
-        } else {
-            let (order, solver) = before.clustered(coupling, &members)?;
-            Ok(Self {
-                order,
-                members,
-                kind: Kind::Coarse(Box::new(solver)),
-            })
-        }
-    }
-
-    fn clustered<const R: usize>(
-        &self,
-        coupling: &Coupling,
-        members: &[Member],
-    ) -> Result<(Vec<usize>, Clustered<R>), Indefinite> {
         let places: Vec<Place> = members.iter().map(|member| member.place).collect();
         if !coupling.is_always_definite() {
             let slack: Vec<f64> = members.iter().map(|m| m.step.slack().min(0.0)).collect();
-            Clustered::<R>::new(coupling, &places, &slack, &[]).ok_or(Indefinite)?;
+            Reduced::new(coupling, &places, &slack, &[]).ok_or(Indefinite)?;
         }
         let extra: Vec<f64> = members.iter().map(|member| member.step.extra).collect();
-        let homes: Vec<usize> = match self.kind {
+        let homes: Vec<usize> = match before.kind {
             Kind::Dense(_) => Vec::new(),
-            Kind::Reduced(_) | Kind::Coarse(_) => members
+            Kind::Reduced(_) => members
                 .iter()
                 .map(|member| match member.was {
                     usize::MAX => usize::MAX,
@@ -167,8 +141,12 @@ impl Solver {
                 })
                 .collect(),
         };
-        let solver = Clustered::new(coupling, &places, &extra, &homes).ok_or(Indefinite)?;
-        Ok((solver.order().to_vec(), solver))
+        let solver = Reduced::new(coupling, &places, &extra, &homes).ok_or(Indefinite)?;
+        Ok(Self {
+            order: solver.order().to_vec(),
+            members,
+            kind: Kind::Reduced(Box::new(solver)),
+        })
     }
 
     fn dense(before: &Self, coupling: &Coupling, members: Vec<Member>) -> Option<Self> {
@@ -269,7 +247,6 @@ impl Solver {
                 factor.solve(out);
             }
             Kind::Reduced(reduced) => reduced.solve(x, out),
-            Kind::Coarse(coarse) => coarse.solve(x, out),
         }
     }
 }
