@@ -322,14 +322,15 @@ fn play(tracks: Tracks, alone: bool) -> Vec<f64> {
     sound
 }
 
-fn stream(rise: f64) -> Stream {
+/// The pour of docs/clouds.md.
+fn stream() -> Stream {
     Stream {
-        seconds: 1.0,
+        seconds: 3.0,
         rate: 600.0,
         radius: [0.5e-3, 3e-3],
         law: Law::Log,
         region: [0.06, 0.05, 0.06],
-        rise,
+        rise: 0.25,
         life: 0.15,
         split: 0.2,
         merge: 0.2,
@@ -341,7 +342,7 @@ fn stream(rise: f64) -> Stream {
 #[test]
 fn a_generated_stream_is_in_order_but_for_single_samples() {
     let mut text = Vec::new();
-    let count = write_stream(&stream(0.25), &mut text).unwrap();
+    let count = write_stream(&stream(), &mut text).unwrap();
     let tracks = read(&text).unwrap();
     assert_eq!(tracks.tracks.len() as u64, count);
     let odd = tracks.oddities.sentences();
@@ -376,7 +377,7 @@ fn centroid(sound: &[f64]) -> f64 {
 #[test]
 fn coupling_moves_the_centroid_of_a_pour_down() {
     let mut text = Vec::new();
-    write_stream(&stream(0.25), &mut text).unwrap();
+    write_stream(&stream(), &mut text).unwrap();
     let coupled = centroid(&play(read(&text).unwrap(), false));
     let alone = centroid(&play(read(&text).unwrap(), true));
     println!("centroid of a stream: {alone:.0} Hz alone, {coupled:.0} Hz coupled");

@@ -2,7 +2,6 @@
 
 use std::path::Path;
 use std::sync::atomic::AtomicBool;
-use std::time::Instant;
 
 use anyhow::Result;
 
@@ -22,12 +21,15 @@ const METHOD: Method = Method {
     rate: RATE as f64,
 };
 
+/// Seconds for which every cloud rings on once it is struck: what is silent costs nothing.
+const RINGING: f64 = 0.2;
+
 /// Standing clouds of growing size, and a stream.
 pub fn clouds(seconds: f64) -> Result<Vec<Line>> {
     let mut lines = Vec::new();
     let mut points = Vec::new();
     for count in [64, 128, 250, 500, 1000, 2000, 4000] {
-        let speed = standing(count, seconds)?;
+        let speed = standing(count)?;
         if count >= 250 {
             points.push(((count as f64).ln(), -speed.ln()));
         }
@@ -77,7 +79,7 @@ pub fn clouds(seconds: f64) -> Result<Vec<Line>> {
 }
 
 /// Best multiple of real time of a cloud that stands and rings.
-fn standing(count: usize, seconds: f64) -> Result<f64> {
+fn standing(count: usize) -> Result<f64> {
     // As dense for every size.
     let size = 0.03 * (count as f64 / 64.0).cbrt();
     let places = ball(count, size, 0.5e-3, 3e-3, 1);
@@ -108,8 +110,7 @@ fn standing(count: usize, seconds: f64) -> Result<f64> {
             .collect();
         ensemble.play(&strikes, &mut sound)?;
         sound.clear();
-        // A quarter of a second is enough for large ones.
-        let wanted = (seconds.min(200.0 / count as f64).max(0.1) * f64::from(RATE)) as usize;
+        let wanted = (RINGING * f64::from(RATE)) as usize;
         let begun = Stopwatch::start();
         while sound.len() < wanted {
             ensemble.play(&[], &mut sound)?;
@@ -191,24 +192,28 @@ fn slope(points: &[(f64, f64)]) -> f64 {
     xy / points.iter().map(|p| (p.0 - x).powi(2)).sum::<f64>()
 }
 
-/// Time of this thread on its core, where Linux tells it; else the clock's.
-struct Stopwatch(Instant, Option<f64>);
+/// Time of this thread on its core, where the system tells it; else the clock's.
+struct Stopwatch(f64);
 
 impl Stopwatch {
     fn start() -> Self {
-        Self(Instant::now(), Self::on_core())
+        Self(Self::now())
     }
 
     fn seconds(&self) -> f64 {
-        match (self.1, Self::on_core()) {
-            (Some(begun), Some(now)) if now > begun => now - begun,
-            _ => self.0.elapsed().as_secs_f64(),
-        }
+        Self::now() - self.0
     }
 
-    fn on_core() -> Option<f64> {
-        let text = std::fs::read_to_string("/proc/thread-self/schedstat").ok()?;
-        let nanoseconds: f64 = text.split_whitespace().next()?.parse().ok()?;
-        Some(nanoseconds * 1e-9)
+    #[cfg(unix)]
+    fn now() -> f64 {
+        let now = rustix::time::clock_gettime(rustix::time::ClockId::ThreadCPUTime);
+        now.tv_sec as f64 + now.tv_nsec as f64 * 1e-9
+    }
+
+    #[cfg(not(unix))]
+    fn now() -> f64 {
+        static FIRST: std::sync::LazyLock<std::time::Instant> =
+            std::sync::LazyLock::new(std::time::Instant::now);
+        FIRST.elapsed().as_secs_f64()
     }
 }

@@ -23,6 +23,8 @@ use super::wide::{Simd, Wide, wide};
 const SILENT: f64 = 1e-6;
 /// A displacement in m^2.5 that is taken for none: some 300 dB below one that is heard.
 const NOTHING: f64 = 1e-30;
+/// From so many coupled bubbles on a change of the matrix, whose cost grows with their number, is made less often.
+const MANY: usize = 128;
 /// Highest pitch that is sounded, over the sample rate; as in the core.
 pub const PITCH_LIMIT: f64 = 0.45;
 
@@ -195,13 +197,12 @@ impl Ensemble {
         self
     }
 
-    /// Samples that [`Self::play`] makes next: a millisecond's, twice that from 128 coupled bubbles on and four times
-    /// from 512 on, for what a change of the matrix costs grows with their number.
+    /// Samples that [`Self::play`] makes next: a millisecond's, and four times that from [`MANY`] coupled bubbles on.
     pub fn span(&self) -> usize {
-        match self.coupled() {
-            0..128 => self.span,
-            128..512 => 2 * self.span,
-            _ => 4 * self.span,
+        if self.coupled() < MANY {
+            self.span
+        } else {
+            4 * self.span
         }
     }
 
