@@ -289,7 +289,7 @@ fn any_bytes_and_any_mangled_file_are_read_or_refused() {
                 }
             }
             let mut bytes = lines.join("\n").into_bytes();
-            if random.bits() % 2 == 0 {
+            if random.bits().is_multiple_of(2) {
                 let at = random.bits() as usize % bytes.len();
                 bytes[at] = b"0123456789.-eNMSC: \n"[random.bits() as usize % 20];
             }

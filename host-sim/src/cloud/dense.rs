@@ -47,7 +47,7 @@ impl Cholesky {
         let mut x = row[..self.n].to_vec();
         wide(Forward(self, &mut x));
         let pivot = row[self.n] - x.iter().map(|x| x * x).sum::<f64>();
-        if !(pivot > 1e-13) {
+        if vanishes(pivot) {
             return None;
         }
         for (column, x) in self.columns.iter_mut().zip(&x) {
@@ -86,7 +86,7 @@ impl Cholesky {
             subtract(&mut x[j + 1..], &column[1..], head);
         }
         let pivot = row[at] - x[..at].iter().map(|x| x * x).sum::<f64>();
-        if !(pivot > 1e-13) {
+        if vanishes(pivot) {
             return None;
         }
         let diagonal = pivot.sqrt();
@@ -139,7 +139,7 @@ impl Cholesky {
             let column = &mut self.columns[j];
             let (head, tail) = (x[j - from], &mut x[j - from + 1..]);
             let square = (column[0] - head) * (column[0] + head);
-            if !(square > 1e-13) {
+            if vanishes(square) {
                 return None;
             }
             let r = square.sqrt();
@@ -169,7 +169,7 @@ impl Wide for Factor<'_> {
                 subtract(column, tail, tail[0]);
             }
             let pivot = column[0];
-            if !(pivot > 1e-13) {
+            if vanishes(pivot) {
                 return None;
             }
             let scale = pivot.sqrt().recip();
@@ -218,6 +218,12 @@ impl Wide for Update<'_> {
     fn run<S: Simd>(self, _simd: S) {
         self.0.update(self.1, self.2);
     }
+}
+
+/// Whether a pivot is not positive, or no more so than rounding would make it.
+#[inline(always)]
+fn vanishes(pivot: f64) -> bool {
+    pivot.is_nan() || pivot <= 1e-13
 }
 
 #[inline(always)]

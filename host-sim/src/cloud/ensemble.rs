@@ -415,11 +415,11 @@ impl Ensemble {
         let before = self.bubbles.len();
         let mut index = vec![usize::MAX; before];
         let mut kept = 0;
-        for at in 0..before {
+        for (at, index) in index.iter_mut().enumerate() {
             let bubble = self.bubbles[at];
             let rings = bubble.struck_until >= self.frame || loudness(&bubble) >= SILENT;
             if bubble.key.is_some() || (rings && !bubble.mute) {
-                index[at] = kept;
+                *index = kept;
                 self.bubbles[kept] = bubble;
                 kept += 1;
             }

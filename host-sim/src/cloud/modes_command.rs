@@ -136,7 +136,7 @@ fn draw(path: &Path, cloud: &Path, places: &[Place], found: &[Mode]) -> Result<(
         )
     };
     let shown = found.len().min(SHOWN);
-    let columns = shown.min(4).max(1);
+    let columns = shown.clamp(1, 4);
     let rows = shown.div_ceil(columns);
     spectrogram::use_font()?;
     let root = BitMapBackend::new(path, (350 * columns as u32, 60 + 370 * rows as u32))

@@ -8,6 +8,10 @@
 //!
 //! The inverse is Woodbury's: `B⁻¹ − V·W·Vᵀ` with block inverses B⁻¹, `V = B⁻¹S̄`, and `W = I − (I + G̃)⁻¹` of K = 4k
 //! rows, k the number of clusters. A solve costs `N·SIZE + 8N + K²` multiply-adds.
+#![expect(
+    clippy::needless_range_loop,
+    reason = "rows of a fixed length, side by side: by index they read as the formulas do"
+)]
 
 use faer::linalg::solvers::DenseSolveCore;
 use faer::{Mat, Side};
@@ -649,7 +653,7 @@ fn times(block: &Square, moments: &Moments) -> Moments {
 fn invert_block(block: &mut Square) -> Option<()> {
     for p in 0..SIZE {
         let pivot = block[p][p];
-        if !(pivot > 1e-12) {
+        if pivot.is_nan() || pivot <= 1e-12 {
             return None;
         }
         let recip = pivot.recip();

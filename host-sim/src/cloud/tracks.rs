@@ -308,7 +308,7 @@ impl Tracks {
             surface: f64::NEG_INFINITY,
         };
         while reader.advance()? {
-            if reader.line % 4096 == 0 && stop.load(Ordering::Relaxed) {
+            if reader.line.is_multiple_of(4096) && stop.load(Ordering::Relaxed) {
                 bail!("stopped while reading {}", path.display());
             }
             reader.take()?;
