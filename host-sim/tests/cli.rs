@@ -724,13 +724,13 @@ fn ten_million_events_are_streamed() {
 fn an_unknown_scene_is_answered_with_the_nearest_one() {
     let folder = Folder::new();
     folder.write("brook.wav", "precious");
-    folder.write("notes.txt", "hello");
-    let expected = "expected a scene (.toml) or bubble events (.csv)";
+    folder.write("notes.md", "hello");
+    let expected = "expected a scene (.toml), bubble events (.csv) or bubble tracks (.txt, .xz)";
     for (source, words) in [
         ("brok", &["no scene `brok`", "did you mean `brook`?"][..]),
         ("watterfall", &["did you mean `waterfall`?"]),
         ("xyzzy", &["no scene `xyzzy`", "`freshet list` shows all"]),
-        ("notes.txt", &["notes.txt: ", expected]),
+        ("notes.md", &["notes.md: ", expected]),
         (".", &[expected]),
     ] {
         folder.refuses(&format!("render {source}"), words);

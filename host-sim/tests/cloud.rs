@@ -305,7 +305,7 @@ fn an_indefinite_matrix_is_refused_with_a_reason() {
         "64 bubbles of 0.2 to 10 mm in 10 mm: CB's kernel refused for {refused} of 300 clouds, least eigenvalue of the \
          definite one {least:.3}"
     );
-    assert!(refused > 250 && least >= 0.5);
+    assert!(refused > 250 && least >= 0.5 - 1e-12);
 }
 
 #[test]
