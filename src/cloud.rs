@@ -99,13 +99,16 @@ impl<const C: usize, const D: usize, const R: usize> Hold for Store<C, D, R> {
     }
 }
 
-/// A force on its way.
+/// A force on its way. It ends before its tick does, so that nobody changes places meanwhile.
 #[derive(Clone, Copy, Debug)]
 struct Pushing {
     force: Force,
     /// Steps until it begins.
     wait: u32,
-    /// This step's push and what it gains until the next one.
+    /// What half a push of 1 is to each mode's v, Q32, and to the cluster's sum over 2^11, Q28.
+    kicks: [i32; MEMBERS],
+    total: i32,
+    /// Twice this step's push, and what it gains until the next one.
     push: i32,
     growth: i32,
 }
@@ -267,7 +270,6 @@ impl<S: Hold> Cloud<S> {
     #[inline(never)]
     fn commit(&mut self, commit: &Commit) {
         let before = self.ears();
-        let staged = self.staged;
         let old = self.groups * GROUP;
         let parts = self.store.parts();
         // Where each bubble that may move is, in the bubbles' own terms.
@@ -284,6 +286,7 @@ impl<S: Hold> Cloud<S> {
             let ringing_out = parts.clusters[old];
             let (low, high) = (new.min(old), new.max(old));
             parts.clusters[low..=high].fill(Cluster::REST);
+            parts.sums[low..=high].fill(0);
             parts.clusters[new] = if old == 0 { Cluster::REST } else { ringing_out };
             self.groups = commit.groups;
         }
@@ -293,7 +296,7 @@ impl<S: Hold> Cloud<S> {
             *mode = retired.mode;
             find(retired.from).set(mode, retired.inverse);
         }
-        for (changed, mut cluster) in commit.changed.iter().zip(staged) {
+        for (changed, cluster) in commit.changed.iter().zip(&mut self.staged) {
             let members = changed.from.map(find);
             for (m, mode) in cluster.modes.iter_mut().enumerate() {
                 let turn = &cluster.shape.turn;
@@ -308,13 +311,13 @@ impl<S: Hold> Cloud<S> {
                 };
                 swing.set(mode, cluster.shape.inverse[m]);
             }
-            parts.clusters[usize::from(changed.cluster)] = cluster;
+            let place = usize::from(changed.cluster);
+            parts.clusters[place] = *cluster;
+            parts.sums[place] = sum(&cluster.modes);
         }
         let rows = (new + 2) * commit.groups;
         parts.core[..rows].copy_from_slice(&parts.next[..rows]);
-        for (sum_of, cluster) in parts.sums.iter_mut().zip(&*parts.clusters).take(new + 1) {
-            *sum_of = sum(&cluster.modes);
-        }
+        parts.sums[new] = sum(&parts.clusters[new].modes);
         let after = self.ears();
         for ((jump, before), after) in self.jump.iter_mut().zip(before).zip(after) {
             *jump = jump.saturating_add(before.saturating_sub(after));
@@ -323,14 +326,31 @@ impl<S: Hold> Cloud<S> {
 
     /// Begins a force, if the `energy` that there will be leaves room for it.
     fn push(&mut self, force: &Force, energy: f32) {
-        let fits = usize::from(force.cluster) < self.groups * GROUP && energy < ENERGY_MAX;
+        let place = usize::from(force.cluster);
+        let in_time = usize::from(force.start) + usize::from(force.steps) <= STEPS_PER_TICK;
+        let fits = place < self.groups * GROUP && energy < ENERGY_MAX;
+        if !(fits && in_time && force.steps > 0) {
+            self.refused = self.refused.wrapping_add(1);
+            return;
+        }
+        let Cluster { modes, shape } = &self.store.parts().clusters[place];
+        let turn = &shape.turn[usize::from(force.member) % MEMBERS];
+        let mut kicks = [0; MEMBERS];
+        let mut total = 0;
+        for (m, kick) in kicks.iter_mut().enumerate() {
+            *kick = (product(shape.gauge[m], turn[m]) >> 31) as i32;
+            total += product(modes[m].share, *kick) >> 3;
+        }
+        let push = force.push.saturating_mul(2);
         let pushing = Pushing {
             force: *force,
             wait: u32::from(force.start),
-            push: force.push,
-            growth: force.push.saturating_mul(3),
+            kicks,
+            total: (total >> 32) as i32,
+            push,
+            growth: push.saturating_mul(3),
         };
-        if !fits || force.steps == 0 || self.pushing.push(pushing).is_err() {
+        if self.pushing.push(pushing).is_err() {
             self.refused = self.refused.wrapping_add(1);
         }
     }
@@ -364,28 +384,17 @@ impl<S: Hold> Cloud<S> {
                 pushing.wait -= 1;
                 return true;
             }
-            let Force {
-                cluster, member, ..
-            } = pushing.force;
-            let place = usize::from(cluster);
-            let cluster = &mut parts.clusters[place];
-            let turn = &cluster.shape.turn[usize::from(member) % MEMBERS];
-            let mut total = 0i64;
-            for ((mode, turn), gauge) in
-                cluster.modes.iter_mut().zip(turn).zip(&cluster.shape.gauge)
-            {
-                // Q7, and then 32 bits below v's.
-                let share = (i64::from(*gauge) * i64::from(pushing.push)) >> 24;
-                let kick = (i64::from(share as i32) * i64::from(*turn)) >> 6;
-                mode.set_speed(mode.wide_speed().wrapping_add(kick));
-                total += i64::from(mode.share) * (kick >> 24);
+            let place = usize::from(pushing.force.cluster);
+            let push = pushing.push;
+            for (mode, kick) in parts.clusters[place].modes.iter_mut().zip(&pushing.kicks) {
+                mode.set_speed(mode.wide_speed().wrapping_add(product(*kick, push)));
             }
-            // Q40 of v to the sum's.
-            parts.sums[place] = parts.sums[place].wrapping_add((total >> (40 - SUM)) as i32);
-            pushing.push = pushing.push.saturating_add(pushing.growth);
-            pushing.growth = pushing
-                .growth
-                .saturating_add(pushing.force.push.saturating_mul(2));
+            let total = product(pushing.total, push) >> (28 + 1 - SUM);
+            parts.sums[place] = parts.sums[place].wrapping_add(total as i32);
+            // It grows with the square of time.
+            pushing.push = push.saturating_add(pushing.growth);
+            let bend = pushing.force.push.saturating_mul(4);
+            pushing.growth = pushing.growth.saturating_add(bend);
             pushing.force.steps -= 1;
             moves = true;
             pushing.force.steps > 0

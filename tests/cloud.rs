@@ -1,10 +1,16 @@
 //! The coupled cloud: fixed point against f64, pitches of physics.md §3 from the sound, events, silence, stability.
 
+mod common;
+
 #[path = "cloud/model.rs"]
 mod model;
 
+use common::high_band::HighBand;
+use common::{built_in, db, scene_names};
 use freshet::cloud::{Body, Cloud, Keep, Keeper, Message, Push, Settings, Store, force};
-use freshet::{BLOCK, Block, Frame, TICK};
+use freshet::control::Control;
+use freshet::profile::{F407, Profile};
+use freshet::{BLOCK, Block, Frame, TICK, param};
 use model::Model;
 
 const RATE: f64 = 48_000.0;
@@ -167,14 +173,26 @@ fn busy(bubbles: usize) -> Settings {
     }
 }
 
+/// What a keeper is asked for.
+struct Asked(Settings);
+
+impl Keep for Asked {
+    fn start(&mut self, _: u64, _: u32) {}
+    fn tick(&mut self, settings: &Settings, _: &mut Message) {
+        self.0 = *settings;
+    }
+}
+
+/// How far down in the first second the difference to f64 is, dB of the signal, where each tick is as `settings` says.
 fn residual<S: freshet::cloud::Hold, const K: usize>(
     mut live: Live<S, K>,
-    settings: &Settings,
+    mut settings: impl FnMut() -> Settings,
 ) -> f64 {
     let mut model = Model::new(RATE);
     let (mut signal, mut error, mut births) = (0.0, 0.0, 0);
     for _ in 0..375 {
         let mut wanted = Vec::new();
+        let settings = &settings();
         let heard = live.tick(settings, |message, keeper| {
             births += usize::from(message.commit.is_some());
             wanted = model.tick(message, keeper.bodies(), settings);
@@ -198,8 +216,72 @@ fn residual<S: freshet::cloud::Hold, const K: usize>(
 
 #[test]
 fn fixed_point_is_60_db_from_the_same_algorithm_in_f64() {
-    assert!(residual(Live::<Store64, 8>::new(Store64::REST, 3), &busy(64)) > 60.0);
-    assert!(residual(Live::<Store128, 16>::new(Store128::REST, 4), &busy(128)) > 60.0);
+    assert!(residual(live64(3), || busy(64)) > 60.0);
+    assert!(residual(Live::<Store128, 16>::new(Store128::REST, 4), || busy(128)) > 60.0);
+}
+
+#[test]
+fn every_scene_with_a_cloud_is_60_db_from_f64() {
+    let with_a_cloud = |name: &&str| built_in(name).value(param::CLOUD_RATE) > 0.0;
+    let mut scenes = 0;
+    for name in scene_names().filter(with_a_cloud) {
+        let scene = built_in(name).scene;
+        let mut control = Control::new(&scene, RATE as u32, F407::LIMITS, 1);
+        let mut update = F407::update();
+        let live: Live<Store128, 16> = Live::new(Store128::REST, 1);
+        let residual = residual(live, || {
+            let mut asked = Asked(Settings::NONE);
+            control.tick(&mut update);
+            control.tick_cloud(&mut asked, &mut update);
+            asked.0
+        });
+        assert!(residual > 60.0, "{name}: {residual:.1} dB");
+        scenes += 1;
+    }
+    assert!(scenes >= 4);
+}
+
+/// Bubbles below 1 kHz come, go, break and drift, parameters jump, and nothing pushes: what is above 6 kHz are clicks.
+#[test]
+fn nobody_hears_bubbles_come_and_go_or_parameters_jump() {
+    // A step by -60 dB of the loudest sample shows as -67 dB.
+    let bound = |jump| if jump == 0 { -66.0 } else { -52.0 };
+    let high = HighBand::new(RATE as u32);
+    for jump in 0..8 {
+        let mut live: Live<Store128, 16> = Live::new(Store128::REST, 10 + jump);
+        let pushed = Settings {
+            radius_min: 5e-3,
+            radius_max: 12e-3,
+            pushes: 800.0,
+            drift: 0.5,
+            split: 0.5,
+            ..busy(100)
+        };
+        let before = ticks(&mut live, &pushed, 400);
+        let mut settings = Settings {
+            pushes: 0.0,
+            pressure: 0.0,
+            ..pushed
+        };
+        let rest = ticks(&mut live, &settings, 2);
+        match jump {
+            1 => settings.coupling = 0.0,
+            2 => settings.spacing = 2.0,
+            3 => settings.depth = 0.012,
+            4 => settings.bubbles = 20,
+            5 => settings.width = 0.0,
+            6 => settings.radius_max = 5e-3,
+            7 => settings.bubbles = 0,
+            _ => {}
+        }
+        let after = ticks(&mut live, &settings, 200);
+        let loud =
+            (before.iter().chain(&after).flatten()).fold(0.0f64, |loud, x| loud.max(x.abs()));
+        let all: Vec<[f64; 2]> = rest.into_iter().chain(after).collect();
+        let click = db(high.loudest(&all, TICK..all.len()).size / loud);
+        println!("{jump}: {click:.1} dB");
+        assert!(click < bound(jump), "{jump}: {click:.1} dB");
+    }
 }
 
 /// Loudness, full scale 1 Pa.

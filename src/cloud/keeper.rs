@@ -1,8 +1,8 @@
 //! The cloud's control path: one batch of changes after another, each cut into ticks, in force at a fixed frame.
 //!
-//! A batch is decided and its first cluster worked out in one tick (in two where there are more than 8 clusters), its
-//! second cluster, where two change, in the next, the core in the one after; the commit goes out with the last rows of the
-//! core. With 8 clusters that makes two or three ticks a batch, with 16 three or four: 125 and 94 batches a second at least.
+//! A batch is decided in one tick, its first cluster worked out in the next, its second one, where two change, in the one
+//! after, then the core; the commit goes out with the last rows of the core. That makes three or four ticks a batch, so 94
+//! batches a second at least; births that come faster wait, and those that do not fit into the queue are none.
 
 use super::STEPS_PER_TICK;
 use super::birth::{Births, Body, Home, LOOKS, Push, Settings};
@@ -20,6 +20,8 @@ use crate::random::{Random, Stream};
 const WAITING: u32 = 8;
 /// Ticks from one look at where bubbles have drifted to the next.
 const TIDY: u32 = 12;
+/// The coupling changes by this at a time, and then all clusters hear of it: a cluster's pitches are not to jump.
+const GENTLY: f32 = 0.125;
 /// Ticks without births and pushes after which bubbles go: all has rung out.
 const FORGOTTEN: u32 = 400;
 
@@ -74,8 +76,14 @@ pub struct Keeper<const K: usize> {
     content: usize,
     /// Ticks without births and pushes.
     idle: u32,
-    /// What bubbles were worked out with, and how many looks it takes until all have heard of a change.
-    heard: [f32; 3],
+    /// What clusters are worked out with: coupling and stage width; and how many have not heard of it yet.
+    coupling: f32,
+    width: f32,
+    stale: usize,
+    /// Whether a stale cluster comes before a birth.
+    stale_first: bool,
+    /// The depth that bubbles know, and how many looks it takes until all do.
+    depth: f32,
     deaf: usize,
 }
 
@@ -102,7 +110,11 @@ impl<const K: usize> Keeper<K> {
         next: 0,
         content: 0,
         idle: 0,
-        heard: [0.0; 3],
+        coupling: 0.0,
+        width: 0.0,
+        stale: 0,
+        stale_first: false,
+        depth: 0.0,
         deaf: 0,
     };
 
@@ -141,11 +153,28 @@ impl<const K: usize> Keeper<K> {
         self.commit.retired.clear();
         if count > settings.bubbles.min(K * MEMBERS) {
             self.retire_oldest(allowed, Batch::new());
+        } else if self.stale > 0 && (self.stale_first || self.waiting == 0) {
+            self.refresh(allowed);
         } else if self.waiting > 0 && allowed > 0 {
+            self.stale_first = true;
             self.waiting -= 1;
             self.bear(settings, allowed, count);
         } else if count > 0 && (self.content < count || self.deaf > 0 || settings.drift > 0.0) {
             self.tidy(settings, allowed);
+        }
+    }
+
+    /// The next stale cluster is worked out again.
+    #[inline(never)]
+    fn refresh(&mut self, allowed: usize) {
+        self.stale_first = false;
+        while self.stale > 0 {
+            self.stale -= 1;
+            if self.slots.clusters[self.stale].iter().any(Option::is_some) {
+                let mut batch = Batch::new();
+                add(&mut batch, self.stale);
+                return self.begin(batch, allowed);
+            }
         }
     }
 
@@ -352,14 +381,14 @@ impl<const K: usize> Keeper<K> {
         let solved = if members.iter().all(Option::is_none) {
             Solved::empty()
         } else {
-            solve(members, settings.coupling, self.births.step)
+            solve(members, self.coupling, self.births.step)
         };
         let there = members.iter().flatten();
         let (radii, moment) = there.fold((0.0, 0.0), |(radii, moment), body| {
             (radii + body.radius, moment + body.radius * body.place[0])
         });
         let middle = if radii > 0.0 { moment / radii } else { 0.0 };
-        let place = (0.5 + 0.5 * settings.width * middle / settings.extent()).clamp(0.0, 1.0);
+        let place = (0.5 + 0.5 * self.width * middle / settings.extent()).clamp(0.0, 1.0);
         self.peers[cluster] = Peer {
             yields: solved.yields,
             yields_most: solved.yields_most,
@@ -371,12 +400,12 @@ impl<const K: usize> Keeper<K> {
 
     /// Works out the core.
     #[inline(never)]
-    fn core(&mut self, settings: &Settings) {
+    fn core(&mut self) {
         let k = self.groups * GROUP;
         for p in 0..k {
             for q in 0..k {
                 let radii = self.peers[p].radii * self.peers[q].radii;
-                let near = settings.coupling * self.slots.between(p, q);
+                let near = self.coupling * self.slots.between(p, q);
                 let here = p != q && radii > 0.0;
                 self.core.between[p][q] = if here { near / radii } else { 0.0 };
             }
@@ -469,6 +498,7 @@ impl<const K: usize> Keep for Keeper<K> {
         let sample_rate = f64::from(sample_rate);
         self.births = Births::new(Random::new(seed, Stream::Cloud), sample_rate);
         self.loudness = loudness(sample_rate);
+        (self.coupling, self.width) = (1.0, 1.0);
     }
 
     fn tick(&mut self, settings: &Settings, message: &mut Message) {
@@ -494,10 +524,14 @@ impl<const K: usize> Keep for Keeper<K> {
         };
         let due = self.births.due(settings);
         self.waiting = (self.waiting + due).min(WAITING);
-        let heard = [settings.coupling, settings.depth, settings.width];
-        if heard != self.heard {
+        if settings.depth != self.depth {
             self.deaf = K * MEMBERS;
-            self.heard = heard;
+            self.depth = settings.depth;
+        }
+        if self.stale == 0 && [settings.coupling, settings.width] != [self.coupling, self.width] {
+            self.stale = K;
+            self.coupling += (settings.coupling - self.coupling).clamp(-GENTLY, GENTLY);
+            self.width = settings.width;
         }
         let decides = self.stage == Stage::Rest;
         if decides {
@@ -505,8 +539,8 @@ impl<const K: usize> Keep for Keeper<K> {
         }
         match self.stage {
             Stage::Rest => {}
-            // A large cloud takes a tick to decide.
-            _ if decides && K > GROUP => {}
+            // To decide is enough for a tick.
+            _ if decides => {}
             Stage::Cluster(n) => {
                 message.slice = Some(self.cluster(n, settings));
                 let last = n + 1 == self.commit.changed.len();
@@ -517,7 +551,7 @@ impl<const K: usize> Keep for Keeper<K> {
                 };
             }
             Stage::Core => {
-                self.core(settings);
+                self.core();
                 self.rows(0, message);
             }
             Stage::Rows(first) => self.rows(first, message),
