@@ -197,7 +197,7 @@ impl Ensemble {
         self
     }
 
-    /// Samples that [`Self::play`] makes next: a millisecond's, and four times that from [`MANY`] coupled bubbles on.
+    /// Samples that [`Self::play`] makes next: a millisecond's, and four times that from 128 coupled bubbles on.
     pub fn span(&self) -> usize {
         if self.coupled() < MANY {
             self.span
