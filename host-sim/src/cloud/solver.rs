@@ -16,8 +16,8 @@ pub enum Choice {
     Reduced,
 }
 
-/// Up to so many bubbles the dense solver is the faster one.
-pub const DENSE_UP_TO: usize = 48;
+/// Up to so many bubbles the coupling is solved exactly, in f64; from here on the other way is twice as fast.
+pub const DENSE_UP_TO: usize = 32;
 
 /// Where a matrix may be indefinite, it is tried whole up to so many bubbles; beyond, only as the reduced solver sees it.
 const CHECKED_UP_TO: usize = 1024;
