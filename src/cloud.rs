@@ -19,7 +19,7 @@ mod matrix;
 mod slice;
 mod slots;
 
-pub use birth::{Body, Push, Settings};
+pub use birth::{Body, HIGHEST, Push, Settings};
 pub use keeper::{Keep, Keeper, force};
 pub use slice::{CHANGED, Changed, Commit, FORCES, Force, Message, Retired, Slice};
 
@@ -40,12 +40,12 @@ pub const STEPS_PER_TICK: usize = STEPS * BLOCKS_PER_TICK;
 const PUSHING: usize = 16;
 /// Energy that may ring, in squares of v: gathered in a mode of 100 Hz it is 0.7 of y's range, at 96 kHz too.
 pub const ENERGY_MAX: f32 = 1.0e13;
-/// Of a jump, so much is left after a step: 2^-5 is lost.
+/// A jump loses 2^-5 of itself in a step.
 const SMOOTHING: u32 = 5;
 /// Where all of v is below this, 1e-5 Pa of a bubble of 10 mm, there is silence.
 const STILL: i64 = 64 << 32;
-/// The same for what pulls at it.
-const SLACK: i32 = 2;
+/// The same for what pulls at it. The rounding of high modes keeps them going at a third of this.
+const SLACK: i32 = 16;
 
 /// Where a cloud lives: `C` clusters, one of them for bubbles that ring out; `D` is two more, and `R` the rows of the core.
 #[derive(Clone, Debug)]
@@ -126,6 +126,32 @@ struct Pushing {
     growth: i32,
 }
 
+/// What takes a jump away and dies out: `(1 − t/τ)·e^(−t/τ)`, whose mean is 0, so that many of them do not rumble.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+struct Jump {
+    decays: i32,
+    follows: i32,
+}
+
+impl Jump {
+    const NONE: Self = Self {
+        decays: 0,
+        follows: 0,
+    };
+
+    fn add(&mut self, jump: i32) {
+        self.decays = self.decays.saturating_add(jump);
+    }
+
+    fn next(&mut self) -> i32 {
+        let now = self.decays.saturating_sub(self.follows);
+        // Both towards zero in the end.
+        self.follows += (now >> SMOOTHING) + i32::from(now > 0);
+        self.decays -= (self.decays >> SMOOTHING) + i32::from(self.decays > 0);
+        now
+    }
+}
+
 /// The cloud's state. `S` is a [`Store`].
 #[derive(Clone, Debug)]
 pub struct Cloud<S> {
@@ -136,7 +162,7 @@ pub struct Cloud<S> {
     staged: [Cluster; CHANGED],
     pushing: heapless::Vec<Pushing, PUSHING>,
     /// What is left of jumps at commits.
-    jump: [i32; 2],
+    jump: [Jump; 2],
     /// Whether something may move.
     moves: bool,
     /// Loudness of bubbles that ring out, as in the core.
@@ -153,7 +179,7 @@ impl<S: Hold> Cloud<S> {
             groups: 0,
             staged: [Cluster::REST; CHANGED],
             pushing: heapless::Vec::new(),
-            jump: [0; 2],
+            jump: [Jump::NONE; 2],
             moves: false,
             ring_out: 0,
             double: Double::new(),
@@ -200,7 +226,10 @@ impl<S: Hold> Cloud<S> {
 
     /// Whether nothing moves, and no sample of it is still to come.
     pub fn is_silent(&self) -> bool {
-        !self.moves && self.pushing.is_empty() && self.jump == [0; 2] && self.double.is_silent()
+        !self.moves
+            && self.pushing.is_empty()
+            && self.jump == [Jump::NONE; 2]
+            && self.double.is_silent()
     }
 
     /// What it has done.
@@ -235,12 +264,10 @@ impl<S: Hold> Cloud<S> {
             }
             rest = later;
         }
-        if self.jump != [0; 2] {
+        if self.jump != [Jump::NONE; 2] {
             for sample in &mut samples {
                 for (sample, jump) in sample.iter_mut().zip(&mut self.jump) {
-                    *sample = sample.saturating_add(*jump);
-                    // Towards zero, so that it ends.
-                    *jump -= (*jump >> SMOOTHING) + i32::from(*jump > 0);
+                    *sample = sample.saturating_add(jump.next());
                 }
             }
         }
@@ -341,7 +368,7 @@ impl<S: Hold> Cloud<S> {
         parts.sums[new] = sum(&parts.clusters[new].modes);
         let after = self.ears();
         for ((jump, before), after) in self.jump.iter_mut().zip(before).zip(after) {
-            *jump = jump.saturating_add(before.saturating_sub(after));
+            jump.add(before.saturating_sub(after));
         }
     }
 
@@ -456,7 +483,7 @@ impl<S: Hold> Cloud<S> {
         parts.sums.fill(0);
         parts.drive.fill(0);
         for (jump, before) in self.jump.iter_mut().zip(before) {
-            *jump = jump.saturating_add(before);
+            jump.add(before);
         }
         self.moves = false;
     }

@@ -5,7 +5,7 @@ use std::f64::consts::PI;
 use faer::linalg::solvers::{Solve, SolveLstsq};
 use faer::{Mat, Side};
 use freshet_host::cloud::coupling::{Coupling, Kernel, Place};
-use freshet_host::cloud::ensemble::{Ensemble, Event};
+use freshet_host::cloud::ensemble::{Ensemble, Event, Sounding};
 use freshet_host::cloud::forcing::{Cause, Pulse};
 use freshet_host::cloud::modes::{checked_matrix, frequencies, least_eigenvalue, modes};
 use freshet_host::cloud::reduced::Reduced;
@@ -209,7 +209,7 @@ fn ten_thousand_clouds_are_definite_and_none_gains_energy() {
         }
         let choice = [Choice::Dense, Choice::Reduced][cloud / 6 % 2];
         let mass = match choice {
-            Choice::Reduced => Reduced::matrix(&coupling, &places).unwrap(),
+            Choice::Reduced | Choice::Fixed => Reduced::matrix(&coupling, &places).unwrap(),
             Choice::Dense => coupling.matrix(&places),
         };
         let method = Method {

@@ -3,7 +3,9 @@
 use std::path::Path;
 use std::sync::atomic::AtomicBool;
 
-use freshet_host::cloud::ensemble::Ensemble;
+use freshet_host::cloud::coupling::Coupling;
+use freshet_host::cloud::ensemble::{Ensemble, Sounding};
+use freshet_host::cloud::fixed::Fixed;
 use freshet_host::cloud::forcing::Cause;
 use freshet_host::cloud::player::TrackPlayer;
 use freshet_host::cloud::solver::Method;
@@ -308,13 +310,18 @@ fn any_bytes_and_any_mangled_file_are_read_or_refused() {
     println!("{played} of the mangled files were played");
 }
 
+const METHOD: Method = Method {
+    coupling: Coupling::DEFAULT,
+    choice: None,
+    rate: 48_000.0,
+};
+
 fn play(tracks: Tracks, alone: bool) -> Vec<f64> {
-    let method = Method {
-        coupling: Default::default(),
-        choice: None,
-        rate: 48_000.0,
-    };
-    let mut player = TrackPlayer::new(tracks, Ensemble::new(method, alone), 48_000.0, 1);
+    play_by(tracks, Box::new(Ensemble::new(METHOD, alone)))
+}
+
+fn play_by(tracks: Tracks, ensemble: Box<dyn Sounding>) -> Vec<f64> {
+    let mut player = TrackPlayer::new(tracks, ensemble, 48_000.0, 1);
     let mut sound = Vec::new();
     while !player.is_over() && sound.len() < 480_000 {
         player.play(&mut sound).unwrap();
@@ -382,6 +389,34 @@ fn coupling_moves_the_centroid_of_a_pour_down() {
     let alone = centroid(&play(read(&text).unwrap(), true));
     println!("centroid of a stream: {alone:.0} Hz alone, {coupled:.0} Hz coupled");
     assert!(coupled < 0.95 * alone);
+}
+
+#[test]
+fn the_core_plays_a_stream_as_the_desk_does() {
+    // Nobody moves; low enough that every bubble is in the cloud.
+    let still = Stream {
+        radius: [0.7e-3, 3e-3],
+        rise: 0.0,
+        split: 0.0,
+        merge: 0.0,
+        rate: 300.0,
+        ..stream()
+    };
+    let mut text = Vec::new();
+    write_stream(&still, &mut text).unwrap();
+    let level = |sound: &[f64]| {
+        10.0 * (sound.iter().map(|x| x * x).sum::<f64>() / sound.len() as f64).log10()
+    };
+    for alone in [false, true] {
+        let wanted = play(read(&text).unwrap(), alone);
+        let fixed = Box::new(Fixed::new(METHOD, alone).unwrap());
+        let heard = play_by(read(&text).unwrap(), fixed);
+        let louder = level(&heard) - level(&wanted);
+        let higher = 1200.0 * (centroid(&heard) / centroid(&wanted)).log2();
+        println!("alone {alone}: {louder:+.2} dB, centroid {higher:+.0} cents");
+        assert!(louder.abs() < 1.0 && higher.abs() < 100.0);
+        assert!(heard.len() < wanted.len() + 9_600, "it falls silent");
+    }
 }
 
 #[test]

@@ -9,8 +9,8 @@ use crate::frame::{BLOCK, TICK};
 use crate::kernel::cloud::MEMBERS;
 use crate::random::Random;
 
-/// No bubble of a cloud is higher than this part of the cloud's rate.
-const HIGHEST: f32 = 0.28;
+/// No bubble of a cloud is higher than this part of the cloud's rate, which is half the sample rate.
+pub const HIGHEST: f32 = 0.28;
 /// A force ends after this at the latest, s.
 const FORCE_MAX: f32 = 0.6e-3;
 /// A force ends when sound has gone through the bubble, at 6 m/s (CB, after Czerski and Deane).
@@ -129,6 +129,12 @@ impl Body {
     #[inline(never)]
     pub fn new(radius: f32, place: [f32; 3], now: u32) -> Self {
         let bubble = Bubble::new(f64::from(radius));
+        Self::tuned(radius, bubble, place, now)
+    }
+
+    /// The same with a pitch and a decay of its own.
+    #[inline(never)]
+    pub fn tuned(radius: f32, bubble: Bubble, place: [f32; 3], now: u32) -> Self {
         let (omega, beta) = (bubble.omega0 as f32, bubble.beta as f32);
         Self {
             place: [place[0], place[1], place[2].max(radius)],
@@ -342,14 +348,41 @@ impl Push {
     /// That lets `body` ring with `pressure` Pa at 1 m if it is alone.
     #[inline(never)]
     pub fn new(body: &Body, pressure: f32, step: f32) -> Self {
-        let spring = body.spring(step);
         let seconds = (body.radius / FORCE_SPEED).min(FORCE_MAX);
-        let steps = ((seconds / step + 0.5) as u32).clamp(1, FORCE_STEPS);
+        let swing = Swing::new(body, seconds, step);
         // y of that pressure, units of v: p = ρ/4π·√r·ω²·y.
         let root = body.weight * body.omega;
-        let place = 4.0 * PI * pressure * libm::sqrtf(spring.mass)
+        let place = 4.0 * PI * pressure * libm::sqrtf(swing.spring.mass)
             / (RHO as f32 * root * body.omega * body.omega)
             * UNIT;
+        swing.push(place / swing.reach)
+    }
+
+    /// Of a pressure in the water that grows as `growth`·t², Pa, for `seconds`.
+    pub fn of_pulse(body: &Body, growth: f32, seconds: f32, step: f32) -> Self {
+        let swing = Swing::new(body, seconds, step);
+        // p·4π√r/ρ is a force on y; the steps' impulse is made the pulse's.
+        let root = body.weight * body.omega;
+        let force = growth * 4.0 * PI * root / RHO as f32;
+        let impulse = force * seconds * seconds * seconds / 3.0 * step;
+        let steps = swing.steps as f32;
+        let squares = steps * (steps + 1.0) * (2.0 * steps + 1.0) / 6.0;
+        swing.push(impulse / squares * UNIT * PI / (body.omega * step))
+    }
+}
+
+/// What pushes that grow with the square of time are to a bubble alone.
+struct Swing {
+    spring: Spring,
+    steps: u32,
+    /// How far it swings, units of v, if the first push is 1.
+    reach: f32,
+}
+
+impl Swing {
+    fn new(body: &Body, seconds: f32, step: f32) -> Self {
+        let spring = body.spring(step);
+        let steps = ((seconds / step + 0.5) as u32).clamp(1, FORCE_STEPS);
         // A push of 1 in one step makes a swing of 1/sin; those of the others come at other phases.
         let cosine = (2.0 - spring.k - spring.c) / (2.0 * libm::sqrtf(1.0 - spring.c));
         let sine = libm::sqrtf((1.0 - cosine * cosine).max(1e-9));
@@ -364,11 +397,20 @@ impl Push {
         }
         let sum = libm::sqrtf(sum[0] * sum[0] + sum[1] * sum[1]).max(0.1);
         Self {
+            spring,
+            steps,
+            reach: spring.gauge() * sum / sine,
+        }
+    }
+
+    fn push(&self, push: f32) -> Push {
+        let place = push * self.reach;
+        Push {
             start: 0,
-            steps: steps as u8,
-            push: (place * sine / (spring.gauge() * sum)) as i32,
+            steps: self.steps as u8,
+            push: push as i32,
             // Coupled masses are half as heavy at the lightest.
-            energy: 2.0 * spring.k * place * place,
+            energy: 2.0 * self.spring.k * place * place,
         }
     }
 }

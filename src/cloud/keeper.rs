@@ -11,7 +11,7 @@ use super::matrix::{Solved, fixed, solve, sqrt};
 use super::slice::{
     CHANGED, Changed, Commit, FORCES, Force, Message, NOBODY, RINGING_OUT, ROWS, Retired, Slice,
 };
-use super::slots::{Place, Slots};
+use super::slots::{Look, Place, Slots};
 use crate::fixed::cosine;
 use crate::kernel::cloud::{GROUP, MEMBERS};
 use crate::random::{Random, Stream};
@@ -128,15 +128,81 @@ impl<const K: usize> Keeper<K> {
         self.stage == Stage::Rest
     }
 
-    /// Places a bubble by hand, before the first tick or between batches. Returns where, once [`Keeper::work_out`] has.
-    pub fn place(&mut self, body: Body) -> Option<Place> {
-        Some(self.slots.settle(body, K)?.0)
+    /// By hand, between batches: one bubble more. False if there is no room.
+    pub fn add(&mut self, body: Body) -> bool {
+        let Some((place, look)) = self.slots.settle(body, K) else {
+            return false;
+        };
+        self.moved(place, &look);
+        true
     }
 
-    /// Works out cluster `cluster` next, whatever the births do.
-    pub fn work_out(&mut self, clusters: &[u8]) {
-        self.newborn.clear();
-        self.begin(clusters.iter().copied().take(CHANGED).collect(), K);
+    /// By hand, between batches: the bubble with this `born` is what `body` says from now on. False if there is none.
+    pub fn change(&mut self, mut body: Body) -> bool {
+        let Some((place, old)) = self.find(body.born) else {
+            return false;
+        };
+        body.home = old.home;
+        self.slots.take(place);
+        let look = self.slots.put(place, body);
+        self.moved(place, &look);
+        true
+    }
+
+    /// By hand, between batches: the bubble with this `born` rings out. False if there is none.
+    pub fn remove(&mut self, born: u32) -> bool {
+        let Some((place, _)) = self.find(born) else {
+            return false;
+        };
+        self.commit.retired.clear();
+        self.retire(place);
+        let mut batch = Batch::new();
+        add(&mut batch, place.0);
+        self.begin(batch, K);
+        true
+    }
+
+    /// By hand: all that is worked out from now on hears so much of each other, in so wide a stage.
+    pub fn couple(&mut self, coupling: f32, width: f32) {
+        (self.coupling, self.width) = (coupling, width);
+    }
+
+    /// The bubble with this `born`, and where it is.
+    pub fn find(&self, born: u32) -> Option<(Place, Body)> {
+        let found = self.slots.bodies().find(|(_, body)| body.born == born);
+        found.map(|(place, body)| (place, *body))
+    }
+
+    /// A batch of the bubble at `place`, who may change places for a better one.
+    fn moved(&mut self, place: Place, look: &Look<K>) {
+        self.commit.retired.clear();
+        let mut batch = Batch::new();
+        add(&mut batch, place.0);
+        if let Some(better) = self.slots.improve(place, look, K) {
+            add(&mut batch, better.0);
+        }
+        self.begin(batch, K);
+    }
+
+    /// The batch's next stage. `extent` is the cloud's radius, m.
+    pub fn go_on(&mut self, extent: f32, message: &mut Message) {
+        match self.stage {
+            Stage::Rest => {}
+            Stage::Cluster(n) => {
+                message.slice = Some(self.cluster(n, extent));
+                let last = n + 1 == self.commit.changed.len();
+                self.stage = if last {
+                    Stage::Core
+                } else {
+                    Stage::Cluster(n + 1)
+                };
+            }
+            Stage::Core => {
+                self.core();
+                self.rows(0, message);
+            }
+            Stage::Rows(first) => self.rows(first, message),
+        }
     }
 
     /// Clusters in use for so many bubbles.
@@ -375,7 +441,7 @@ impl<const K: usize> Keeper<K> {
 
     /// Works out one of the clusters that change.
     #[inline(never)]
-    fn cluster(&mut self, n: usize, settings: &Settings) -> Slice {
+    fn cluster(&mut self, n: usize, extent: f32) -> Slice {
         let cluster = usize::from(self.commit.changed[n].cluster);
         let members = &self.slots.clusters[cluster];
         let solved = if members.iter().all(Option::is_none) {
@@ -388,7 +454,7 @@ impl<const K: usize> Keeper<K> {
             (radii + body.radius, moment + body.radius * body.place[0])
         });
         let middle = if radii > 0.0 { moment / radii } else { 0.0 };
-        let place = (0.5 + 0.5 * self.width * middle / settings.extent()).clamp(0.0, 1.0);
+        let place = (0.5 + 0.5 * self.width * middle / extent).clamp(0.0, 1.0);
         self.peers[cluster] = Peer {
             yields: solved.yields,
             yields_most: solved.yields_most,
@@ -502,9 +568,7 @@ impl<const K: usize> Keep for Keeper<K> {
     }
 
     fn tick(&mut self, settings: &Settings, message: &mut Message) {
-        message.slice = None;
-        message.commit = None;
-        message.forces.clear();
+        message.clear();
         self.now = self.now.wrapping_add(1);
         self.untidy = self.untidy.saturating_add(1);
         let quiet = settings.rate == 0.0 && settings.pushes == 0.0;
@@ -533,28 +597,11 @@ impl<const K: usize> Keep for Keeper<K> {
             self.coupling += (settings.coupling - self.coupling).clamp(-GENTLY, GENTLY);
             self.width = settings.width;
         }
-        let decides = self.stage == Stage::Rest;
-        if decides {
+        // To decide is enough for a tick.
+        if self.stage == Stage::Rest {
             self.decide(settings);
-        }
-        match self.stage {
-            Stage::Rest => {}
-            // To decide is enough for a tick.
-            _ if decides => {}
-            Stage::Cluster(n) => {
-                message.slice = Some(self.cluster(n, settings));
-                let last = n + 1 == self.commit.changed.len();
-                self.stage = if last {
-                    Stage::Core
-                } else {
-                    Stage::Cluster(n + 1)
-                };
-            }
-            Stage::Core => {
-                self.core();
-                self.rows(0, message);
-            }
-            Stage::Rows(first) => self.rows(first, message),
+        } else {
+            self.go_on(settings.extent(), message);
         }
         self.push(settings, message);
     }

@@ -93,4 +93,11 @@ impl Message {
         commit: None,
         forces: Vec::new(),
     };
+
+    /// Nothing any more.
+    pub fn clear(&mut self) {
+        self.slice = None;
+        self.commit = None;
+        self.forces.clear();
+    }
 }

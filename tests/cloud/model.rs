@@ -47,7 +47,7 @@ pub struct Model {
     rows: [Vec<f64>; 2],
     core: Vec<Vec<f64>>,
     sums: Vec<f64>,
-    jump: [f64; 2],
+    jump: [[f64; 2]; 2],
     forces: Vec<(u32, u32, u32, Place, f64)>,
     raw: [Vec<f64>; 2],
 }
@@ -206,7 +206,7 @@ impl Model {
             rows: [vec![0.0; 32], vec![0.0; 32]],
             core: vec![vec![0.0; 32]; 32],
             sums: vec![0.0; 32],
-            jump: [0.0; 2],
+            jump: [[0.0; 2]; 2],
             forces: Vec::new(),
             raw: [vec![0.0; HISTORY], vec![0.0; HISTORY]],
         }
@@ -288,8 +288,10 @@ impl Model {
         self.forces = forces;
         let mut out = self.ears();
         for (out, jump) in out.iter_mut().zip(&mut self.jump) {
-            *out += *jump;
-            *jump *= 1.0 - 1.0 / 32.0;
+            let now = jump[0] - jump[1];
+            *out += now;
+            jump[1] += now / 32.0;
+            jump[0] -= jump[0] / 32.0;
         }
         for (p, cluster) in self.clusters.iter_mut().enumerate() {
             let drive: f64 = self.core[p]
@@ -423,7 +425,7 @@ impl Model {
         }
         let after = self.ears();
         for ear in 0..2 {
-            self.jump[ear] += before[ear] - after[ear];
+            self.jump[ear][0] += before[ear] - after[ear];
         }
     }
 }

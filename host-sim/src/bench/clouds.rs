@@ -7,7 +7,7 @@ use anyhow::Result;
 
 use super::{Line, RATE, RUNS};
 use crate::cloud::coupling::Coupling;
-use crate::cloud::ensemble::{Ensemble, Event};
+use crate::cloud::ensemble::{Ensemble, Event, Sounding};
 use crate::cloud::forcing::{Cause, Pulse};
 use crate::cloud::player::TrackPlayer;
 use crate::cloud::solver::Method;
@@ -125,7 +125,7 @@ fn standing(count: usize) -> Result<f64> {
 fn play(text: &[u8]) -> Result<(f64, usize)> {
     let tracks = Tracks::read(Path::new("bench"), text, &AtomicBool::new(false))?;
     let ensemble = Ensemble::new(METHOD, false);
-    let mut player = TrackPlayer::new(tracks, ensemble, METHOD.rate, 1);
+    let mut player = TrackPlayer::new(tracks, Box::new(ensemble), METHOD.rate, 1);
     let (mut sound, mut frames) = (Vec::new(), 0);
     while !player.is_over() {
         sound.clear();
@@ -156,7 +156,12 @@ pub fn wave() -> Result<String> {
     std::io::Seek::rewind(&mut text)?;
     let begun = Stopwatch::start();
     let tracks = Tracks::read(Path::new("wave"), text, &AtomicBool::new(false))?;
-    let mut player = TrackPlayer::new(tracks, Ensemble::new(METHOD, false), METHOD.rate, 1);
+    let mut player = TrackPlayer::new(
+        tracks,
+        Box::new(Ensemble::new(METHOD, false)),
+        METHOD.rate,
+        1,
+    );
     let bar = crate::render::progress((4.6 * f64::from(RATE)) as u64, RATE);
     let (mut sound, mut frames) = (Vec::new(), 0);
     while !player.is_over() {

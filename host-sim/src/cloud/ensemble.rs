@@ -83,6 +83,29 @@ pub struct Counts {
     pub most_coupled: usize,
     /// Most bubbles sounding at once, those that ring out included.
     pub most_sounding: usize,
+    /// Bubbles that rang out early to make room; in the core's cloud.
+    pub made_room: u64,
+    /// Strikes that were not felt, too many or too strong; in the core's cloud.
+    pub refused: u64,
+}
+
+/// What makes events sound.
+pub trait Sounding {
+    /// Samples made; the first of the output is [`Self::late`] samples before time 0.
+    fn frame(&self) -> u64;
+    /// Samples that [`Self::play`] makes next.
+    fn span(&self) -> usize;
+    /// See [`Self::frame`].
+    fn late(&self) -> usize;
+    /// What was done so far.
+    fn counts(&self) -> Counts;
+    /// Whether nothing sounds and nobody lives.
+    fn is_over(&self) -> bool;
+    /// Takes what happens in the next span (strikes may come later) and adds its samples to `out`, in Pa at 1 m.
+    ///
+    /// # Errors
+    /// CB's kernel, where its matrix is not positive definite.
+    fn play(&mut self, events: &[Event], out: &mut Vec<f64>) -> Result<()>;
 }
 
 #[derive(Clone, Copy, Debug)]
@@ -197,30 +220,6 @@ impl Ensemble {
         self
     }
 
-    /// Samples that [`Self::play`] makes next: a millisecond's, and four times that from 128 coupled bubbles on.
-    pub fn span(&self) -> usize {
-        if self.coupled() < MANY {
-            self.span
-        } else {
-            4 * self.span
-        }
-    }
-
-    /// Samples made; the first of the output is [`Sharpen::REACH`] samples before time 0.
-    pub fn frame(&self) -> u64 {
-        self.frame
-    }
-
-    /// What was done so far.
-    pub fn counts(&self) -> Counts {
-        self.counts
-    }
-
-    /// Whether nothing sounds and nobody lives.
-    pub fn is_over(&self) -> bool {
-        self.bubbles.is_empty()
-    }
-
     /// Bubbles coupled now.
     pub fn coupled(&self) -> usize {
         self.solver.members().len()
@@ -254,67 +253,6 @@ impl Ensemble {
                 *lane = y;
             }
         }
-    }
-
-    /// Takes what happens in the next span (strikes may come later) and adds its samples to `out`, in Pa at 1 m.
-    ///
-    /// # Errors
-    /// CB's kernel, where its matrix is not positive definite.
-    pub fn play(&mut self, events: &[Event], out: &mut Vec<f64>) -> Result<()> {
-        let span = self.span();
-        let mut changed = self.drop_silent();
-        for event in events {
-            changed |= self.take(event);
-        }
-        let mut fade = if changed { self.rearrange()? } else { None };
-        for active in &mut self.pulses {
-            active.lane = self.bubbles[active.bubble].lane;
-        }
-        if self.silent && self.pulses.is_empty() {
-            for _ in 0..span {
-                out.push(self.sharpen.next(0.0));
-            }
-            self.frame += span as u64;
-            return Ok(());
-        }
-        let half = self.span / 2;
-        for n in 0..span {
-            if n == half {
-                fade = None;
-            }
-            self.strike();
-            let Self { lanes, solver, .. } = self;
-            let fade = fade.as_mut().map(|fade| {
-                let way = (n + 1) as f64 / (half + 1) as f64;
-                // Without corners, which would be heard as a faint tick.
-                (fade, way * way * (3.0 - 2.0 * way))
-            });
-            let sum = wide(OneSample {
-                lanes,
-                solver,
-                fade,
-            });
-            out.push(self.sharpen.next(sum));
-            self.frame += 1;
-        }
-        self.silent = true;
-        for (lane, &bubble) in self.lanes.bubble.iter().enumerate() {
-            let (y, v) = (&mut self.lanes.y[lane], &mut self.lanes.v[lane]);
-            // Far below anything heard, and before numbers become slow.
-            if y.abs() + v.abs() < NOTHING {
-                (*y, *v) = (0.0, 0.0);
-            } else {
-                self.silent = false;
-            }
-            if let Some(bubble) = self.bubbles.get_mut(bubble) {
-                (bubble.y, bubble.v) = (*y, *v);
-            }
-        }
-        let h = 1.0 / self.method.rate;
-        let now = self.frame as f64 * h;
-        self.pulses
-            .retain(|active| !active.pulse.is_over(now - active.time, h));
-        Ok(())
     }
 
     /// Adds the pulses of this sample.
@@ -555,6 +493,90 @@ impl Ensemble {
             lanes.own[lane] = 1.0 / (1.0 + bubble.step.extra);
             lanes.gain[lane] = bubble.place.radius.sqrt() * pressure;
         }
+    }
+}
+
+impl Sounding for Ensemble {
+    fn frame(&self) -> u64 {
+        self.frame
+    }
+
+    /// A millisecond's, and four times that from 128 coupled bubbles on.
+    fn span(&self) -> usize {
+        if self.coupled() < MANY {
+            self.span
+        } else {
+            4 * self.span
+        }
+    }
+
+    fn late(&self) -> usize {
+        Sharpen::REACH
+    }
+
+    fn counts(&self) -> Counts {
+        self.counts
+    }
+
+    fn is_over(&self) -> bool {
+        self.bubbles.is_empty()
+    }
+
+    fn play(&mut self, events: &[Event], out: &mut Vec<f64>) -> Result<()> {
+        let span = self.span();
+        let mut changed = self.drop_silent();
+        for event in events {
+            changed |= self.take(event);
+        }
+        let mut fade = if changed { self.rearrange()? } else { None };
+        for active in &mut self.pulses {
+            active.lane = self.bubbles[active.bubble].lane;
+        }
+        if self.silent && self.pulses.is_empty() {
+            for _ in 0..span {
+                out.push(self.sharpen.next(0.0));
+            }
+            self.frame += span as u64;
+            return Ok(());
+        }
+        let half = self.span / 2;
+        for n in 0..span {
+            if n == half {
+                fade = None;
+            }
+            self.strike();
+            let Self { lanes, solver, .. } = self;
+            let fade = fade.as_mut().map(|fade| {
+                let way = (n + 1) as f64 / (half + 1) as f64;
+                // Without corners, which would be heard as a faint tick.
+                (fade, way * way * (3.0 - 2.0 * way))
+            });
+            let sum = wide(OneSample {
+                lanes,
+                solver,
+                fade,
+            });
+            out.push(self.sharpen.next(sum));
+            self.frame += 1;
+        }
+        self.silent = true;
+        for (lane, &bubble) in self.lanes.bubble.iter().enumerate() {
+            let (y, v) = (&mut self.lanes.y[lane], &mut self.lanes.v[lane]);
+            // Far below anything heard, and before numbers become slow.
+            if y.abs() + v.abs() < NOTHING {
+                (*y, *v) = (0.0, 0.0);
+            } else {
+                self.silent = false;
+            }
+            if let Some(bubble) = self.bubbles.get_mut(bubble) {
+                (bubble.y, bubble.v) = (*y, *v);
+            }
+        }
+        let h = 1.0 / self.method.rate;
+        let now = self.frame as f64 * h;
+        self.pulses
+            .retain(|active| !active.pulse.is_over(now - active.time, h));
+        Ok(())
     }
 }
 

@@ -8,6 +8,7 @@ pub mod cloud_command;
 pub mod coupling;
 pub mod dense;
 pub mod ensemble;
+pub mod fixed;
 pub mod forcing;
 pub mod modes;
 pub mod modes_command;

@@ -4,9 +4,8 @@ use std::collections::HashMap;
 
 use anyhow::Result;
 
-use super::ensemble::{Ensemble, Event};
+use super::ensemble::{Event, Sounding};
 use super::forcing::{Cause, Pulse};
-use super::step::Sharpen;
 use super::synthetic::Random;
 use super::tracks::{Sample, Tracks, at_time};
 
@@ -20,7 +19,7 @@ struct Voice {
 /// Tracks under way.
 pub struct TrackPlayer {
     tracks: Tracks,
-    ensemble: Ensemble,
+    ensemble: Box<dyn Sounding>,
     rate: f64,
     seed: u64,
     next: usize,
@@ -35,7 +34,8 @@ pub struct TrackPlayer {
 
 impl TrackPlayer {
     /// From time 0. `seed` draws the roundness ξ of mergers.
-    pub fn new(tracks: Tracks, ensemble: Ensemble, rate: f64, seed: u64) -> Self {
+    pub fn new(tracks: Tracks, ensemble: Box<dyn Sounding>, rate: f64, seed: u64) -> Self {
+        let late = ensemble.late();
         Self {
             tracks,
             ensemble,
@@ -46,13 +46,13 @@ impl TrackPlayer {
             voices: Vec::new(),
             by_track: HashMap::new(),
             events: Vec::new(),
-            late: Sharpen::REACH,
+            late,
         }
     }
 
     /// The ensemble, to look at.
-    pub fn ensemble(&self) -> &Ensemble {
-        &self.ensemble
+    pub fn ensemble(&self) -> &dyn Sounding {
+        &*self.ensemble
     }
 
     /// The tracks, to look at.

@@ -15,7 +15,8 @@ use freshet::stats::Stats;
 use freshet::{BLOCK, Frame};
 
 use super::coupling::{Coupling, Kernel};
-use super::ensemble::Ensemble;
+use super::ensemble::{Ensemble, Sounding};
+use super::fixed::Fixed;
 use super::player::TrackPlayer;
 use super::solver::{Choice, Method};
 use super::tracks::Tracks;
@@ -147,7 +148,10 @@ pub fn render(request: &Request, stop: &Arc<AtomicBool>) -> Result<Report> {
         choice: options.solver,
         rate: f64::from(request.rate),
     };
-    let ensemble = Ensemble::new(method, options.uncoupled);
+    let ensemble: Box<dyn Sounding> = match options.solver {
+        Some(Choice::Fixed) => Box::new(Fixed::new(method, options.uncoupled)?),
+        _ => Box::new(Ensemble::new(method, options.uncoupled)),
+    };
     let mut player = TrackPlayer::new(tracks, ensemble, method.rate, request.seed);
     let mut spool = Spool::new();
     let stopped = run(&mut player, &mut spool, frames, request, stop)?;
@@ -268,6 +272,18 @@ fn lines(
     }
     for sentence in player.tracks().oddities.sentences() {
         lines.push(format!("note      {sentence}"));
+    }
+    if counts.made_room > 0 {
+        lines.push(format!(
+            "note      {} bubbles rang out early to make room for others",
+            counts.made_room
+        ));
+    }
+    if counts.refused > 0 {
+        lines.push(format!(
+            "note      {} strikes were not felt: too many at once or too strong",
+            counts.refused
+        ));
     }
     if counts.without_dipole > 0 {
         lines.push(format!(

@@ -14,6 +14,8 @@ pub enum Choice {
     Dense,
     /// Exact inside clusters, by moments between them
     Reduced,
+    /// As the board does: the core's fixed point, 256 bubbles
+    Fixed,
 }
 
 /// Up to so many bubbles the coupling is solved exactly, in f64; from here on the other way is twice as fast.
@@ -47,7 +49,7 @@ impl Method {
     fn is_dense(&self, count: usize) -> bool {
         match self.choice {
             Some(Choice::Dense) => true,
-            Some(Choice::Reduced) => false,
+            Some(Choice::Reduced | Choice::Fixed) => false,
             None => count <= DENSE_UP_TO,
         }
     }
