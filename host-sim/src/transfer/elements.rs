@@ -9,8 +9,8 @@ use faer::{Mat, c64};
 use rayon::prelude::*;
 
 use super::mesh::{images, reflect};
-use super::panel::{HATS, Integrals, kernel};
-use super::point::{Point, cross, dot, norm, sub};
+use super::panel::{HATS, kernel};
+use super::point::{Point, dot, norm, scale, sub};
 use super::shape::Surface;
 
 use std::f64::consts::PI;
@@ -136,17 +136,22 @@ impl<'a> Problem<'a> {
         let chunk = 64;
         let all: Vec<usize> = (0..surface.panels.len()).collect();
         for panels in all.chunks(chunk) {
-            let rows: Vec<Vec<(usize, Vec<Row>)>> =
-                panels.par_iter().map(|panel| self.rows(*panel)).collect();
+            let tested: Vec<Tested> = panels.par_iter().map(|panel| self.test(*panel)).collect();
             full.par_iter_mut().enumerate().for_each(|(parity, full)| {
-                for (node, row) in rows.iter().flatten() {
-                    let row = &row[parity];
-                    // Row-wise into columns: the matrices are small next to the kernel's work.
-                    for (column, value) in row.unknown.iter().enumerate() {
-                        full.0[(*node, column)] += *value;
+                for tested in &tested {
+                    for (node, rows) in &tested.rows {
+                        let row = &rows[parity];
+                        for (column, value) in row.unknown.iter().enumerate() {
+                            full.0[(*node, column)] += *value;
+                        }
+                        for (column, value) in row.given.iter().enumerate() {
+                            full.1[(*node, column)] += *value;
+                        }
                     }
-                    for (column, value) in row.given.iter().enumerate() {
-                        full.1[(*node, column)] += *value;
+                    for (number, columns) in &tested.given {
+                        for (node, value) in columns[parity].iter().enumerate() {
+                            full.1[(node, *number)] += *value;
+                        }
                     }
                 }
             });
@@ -172,55 +177,116 @@ impl<'a> Problem<'a> {
             .collect()
     }
 
-    /// The equations of a panel's nodes, as far as its three points make them; one row for each parity.
-    fn rows(&self, panel: usize) -> Vec<(usize, Vec<Row>)> {
+    /// What the three points of a panel bring to the equations.
+    fn test(&self, panel: usize) -> Tested {
         let surface = self.surface;
         let (n, f) = (surface.nodes.len(), surface.free_nodes);
-        let order = self.parities.len();
         let nodes = surface.corners[panel];
         let here = &surface.panels[panel];
-        let mut rows: Vec<(usize, Vec<Row>)> = nodes
-            .iter()
-            .map(|node| (*node, vec![Row::zeros(n, f); order]))
-            .collect();
-        for (point, hats) in here.samples.iter().zip(&HATS) {
-            let seen: Vec<Row> = images(surface.mirrors)
-                .into_iter()
-                .map(|signs| self.row(reflect(*point, signs), reflect(here.normal, signs)))
-                .collect();
-            for (parity, kind) in self.parities.iter().enumerate() {
-                let mut row = Row::zeros(n, f);
-                for (seen, sign) in seen.iter().zip(&kind.signs) {
-                    row.add(seen, *sign);
+        let share = here.area / 3.0;
+        let corners: Vec<usize> = (0..3).filter(|c| self.tests(panel, nodes[*c])).collect();
+        let air = match self.side {
+            Side::Water => None,
+            Side::Air(weight) => Some(weight),
+        };
+        let flows = air.is_some() && surface.free[panel];
+        // For each reflection of the panel, then combined into parities.
+        let images = images(surface.mirrors);
+        let mut rows = vec![vec![Row::zeros(n, f); images.len()]; corners.len()];
+        let mut given = vec![vec![vec![ZERO; n]; images.len()]; if flows { 3 } else { 0 }];
+        for (image, signs) in images.iter().enumerate() {
+            // ∫ G over each panel, from the three points together.
+            let mut potentials = vec![ZERO; surface.panels.len()];
+            for (point, hats) in here.samples.iter().zip(&HATS) {
+                let (x, normal) = (reflect(*point, *signs), reflect(here.normal, *signs));
+                let seen = self.row(x, normal, &mut potentials);
+                for (rows, corner) in rows.iter_mut().zip(&corners) {
+                    rows[image].add(&seen.row, hats[*corner] * share);
                 }
-                self.add_jump(&mut row, panel, hats);
-                for (corner, (node, rows)) in rows.iter_mut().enumerate() {
-                    if self.tests(panel, *node) {
-                        rows[parity].add(&row, hats[corner] * here.area / 3.0);
+                // ⟨K′q, v⟩ = ⟨q, Kv⟩: the kernel on the smoother of the two.
+                for (given, hat) in given.iter_mut().zip(hats) {
+                    for (to, double) in given[image].iter_mut().zip(&seen.double) {
+                        *to -= *double * (*hat * share);
+                    }
+                }
+            }
+            let Some(weight) = air else { continue };
+            // ⟨Dp, v⟩ = −⟨G n×∇p, n×∇v⟩ + k²⟨G n p, n v⟩ (Maue): nothing stronger than 1/R is left.
+            for (rows, corner) in rows.iter_mut().zip(&corners) {
+                let turn = signs[0] * signs[1] * share;
+                let test = scale(reflect(here.curls[*corner], *signs), turn);
+                for ((panel, nodes), potential) in
+                    surface.panels.iter().zip(&surface.corners).zip(&potentials)
+                {
+                    let part = weight * *potential;
+                    for (node, curl) in nodes.iter().zip(&panel.curls) {
+                        rows[image].unknown[*node] += part * dot(test, *curl);
                     }
                 }
             }
         }
-        rows.retain(|(node, _)| self.tests(panel, *node));
-        rows
+        let rows = corners.iter().zip(rows).map(|(corner, rows)| {
+            let mut rows = self.combine(&rows, || Row::zeros(n, f), Row::add);
+            // The half of the surface's own values, the same for every parity.
+            for row in &mut rows {
+                for hats in &HATS {
+                    self.add_jump(row, panel, hats, hats[*corner] * share);
+                }
+            }
+            (nodes[*corner], rows)
+        });
+        let given = given.iter().zip(nodes).filter_map(|(columns, node)| {
+            let weight = air?;
+            let add = |to: &mut Vec<c64>, from: &Vec<c64>, sign: f64| {
+                for (to, from) in to.iter_mut().zip(from) {
+                    *to += weight * *from * sign;
+                }
+            };
+            let columns = self.combine(columns, || vec![ZERO; n], add);
+            Some((surface.free_node[node]?, columns))
+        });
+        Tested {
+            rows: rows.collect(),
+            given: given.collect(),
+        }
     }
 
-    /// What all panels bring to the equation at a point that lies on none of them, or in the principal value.
-    fn row(&self, x: Point, normal: Point) -> Row {
+    /// From reflections to parities.
+    fn combine<T>(
+        &self,
+        images: &[T],
+        zero: impl Fn() -> T,
+        add: impl Fn(&mut T, &T, f64),
+    ) -> Vec<T> {
+        self.parities
+            .iter()
+            .map(|parity| {
+                let mut sum = zero();
+                for (image, sign) in images.iter().zip(&parity.signs) {
+                    add(&mut sum, image, *sign);
+                }
+                sum
+            })
+            .collect()
+    }
+
+    /// What all panels bring to the equation at a point, in the principal value if it lies on one of them; of the
+    /// hypersingular part only `k² n·n′ G`, and ∫ G of each panel for the rest.
+    fn row(&self, x: Point, normal: Point, potentials: &mut [c64]) -> Seen {
         let surface = self.surface;
-        let mut row = Row::zeros(surface.nodes.len(), surface.free_nodes);
-        for (panel, nodes) in surface.panels.iter().zip(&surface.corners).enumerate() {
-            let (index, (panel, nodes)) = (panel, nodes);
+        let (n, f) = (surface.nodes.len(), surface.free_nodes);
+        let mut row = Row::zeros(n, f);
+        let mut doubles = vec![ZERO; n];
+        for (index, (panel, nodes)) in surface.panels.iter().zip(&surface.corners).enumerate() {
             let free = surface.free[index];
             let seen = panel.integrals(x, self.k);
             match self.side {
                 Side::Water => {
                     for (j, &node) in nodes.iter().enumerate() {
-                        let double = double(&seen, panel.normal, j);
                         match surface.free_node[node] {
-                            None => row.unknown[node] += double,
+                            None => row.unknown[node] += seen.double[j],
                             Some(number) => {
-                                row.given[number] -= double;
+                                row.given[number] -= seen.double[j];
                                 if free {
                                     row.unknown[node] -= seen.single[j];
                                 }
@@ -229,41 +295,78 @@ impl<'a> Problem<'a> {
                     }
                 }
                 Side::Air(weight) => {
-                    let steep = hypersingular(&seen, panel, normal, self.k);
+                    let facing = weight * (self.k * self.k * dot(normal, panel.normal));
+                    potentials[index] += seen.single[0] + seen.single[1] + seen.single[2];
                     for (j, &node) in nodes.iter().enumerate() {
-                        let double = double(&seen, panel.normal, j);
-                        row.unknown[node] -= double + weight * steep[j];
+                        doubles[node] += seen.double[j];
+                        row.unknown[node] -= seen.double[j] + facing * seen.single[j];
                         if free && let Some(number) = surface.free_node[node] {
-                            let slope = along(&seen.gradient[j], normal);
-                            row.given[number] -= seen.single[j] + weight * slope;
+                            row.given[number] -= seen.single[j];
                         }
                     }
                 }
             }
         }
-        row
+        Seen { row, double: doubles }
     }
 
-    /// The half of the surface's own values.
-    fn add_jump(&self, row: &mut Row, panel: usize, hats: &[f64; 3]) {
+    /// The half of the surface's own values at one of a panel's points.
+    fn add_jump(&self, row: &mut Row, panel: usize, hats: &[f64; 3], share: f64) {
         let surface = self.surface;
         for (&node, hat) in surface.corners[panel].iter().zip(hats) {
-            let half = c64::new(0.5 * hat, 0.0);
-            match self.side {
-                Side::Water => match surface.free_node[node] {
-                    None => row.unknown[node] += half,
-                    Some(number) => row.given[number] -= half,
-                },
-                Side::Air(weight) => {
+            let half = c64::new(0.5 * hat * share, 0.0);
+            match (self.side, surface.free_node[node]) {
+                (Side::Water, Some(number)) => row.given[number] -= half,
+                (Side::Water, None) => row.unknown[node] += half,
+                (Side::Air(weight), number) => {
                     row.unknown[node] += half;
-                    if surface.free[panel]
-                        && let Some(number) = surface.free_node[node]
-                    {
+                    if surface.free[panel] && let Some(number) = number {
                         row.given[number] -= weight * half;
                     }
                 }
             }
         }
+    }
+
+    /// The field that values on the surface radiate to `x`.
+    fn radiate<const N: usize>(&self, values: [(&Nodal, &Nodal); N], x: Point) -> [c64; N] {
+        let surface = self.surface;
+        let mut sums = [ZERO; N];
+        // Of each panel's corners: single and double layer's density.
+        for (image, signs) in images(surface.mirrors).into_iter().enumerate() {
+            let seen_from = reflect(x, signs);
+            for (index, (panel, nodes)) in surface.panels.iter().zip(&surface.corners).enumerate() {
+                let free = surface.free[index];
+                let seen = panel.integrals(seen_from, self.k);
+                for (parity, kind) in self.parities.iter().enumerate() {
+                    let sign = kind.signs[image];
+                    for (sum, (unknown, given)) in sums.iter_mut().zip(&values) {
+                        let mut part = ZERO;
+                        for (j, &node) in nodes.iter().enumerate() {
+                            let number = surface.free_node[node];
+                            let value = unknown[parity][node];
+                            part += match (self.side, number) {
+                                (Side::Water, None) => -seen.double[j] * value,
+                                (Side::Water, Some(number)) => {
+                                    let pressure = seen.double[j] * given[parity][number];
+                                    if free {
+                                        seen.single[j] * value - pressure
+                                    } else {
+                                        -pressure
+                                    }
+                                }
+                                (Side::Air(_), Some(number)) if free => {
+                                    seen.double[j] * value - seen.single[j] * given[parity][number]
+                                }
+                                (Side::Air(_), _) => seen.double[j] * value,
+                            };
+                        }
+                        *sum += part * sign;
+                    }
+                }
+            }
+        }
+        sums
     }
 
     /// Solves for a field that comes from elsewhere, and for what is given on the free surface: pressure in water,
@@ -358,40 +461,7 @@ impl Solution<'_, '_> {
 
     /// The field that the surface radiates to `x`, which does not lie on it: without the incident one.
     pub fn radiated(&self, x: Point) -> c64 {
-        self.radiated_by([(&self.unknown, &self.given)], x)[0]
-    }
-
-    fn radiated_by<const N: usize>(&self, values: [(&Nodal, &Nodal); N], x: Point) -> [c64; N] {
-        let problem = self.problem;
-        let surface = problem.surface;
-        let mut sums = [ZERO; N];
-        // Normals of the field point do not matter: only Air's derivative would use one, with no weight here.
-        let plain = Problem {
-            side: match problem.side {
-                Side::Water => Side::Water,
-                Side::Air(_) => Side::Air(ZERO),
-            },
-            parities: Vec::new(),
-            systems: Vec::new(),
-            surface,
-            k: problem.k,
-        };
-        for (image, signs) in images(surface.mirrors).into_iter().enumerate() {
-            let row = plain.row(reflect(x, signs), [0.0; 3]);
-            for (parity, kind) in problem.parities.iter().enumerate() {
-                let sign = kind.signs[image];
-                for (sum, (unknown, given)) in sums.iter_mut().zip(&values) {
-                    let product = |a: &[c64], b: &[c64]| -> c64 {
-                        a.iter().zip(b).map(|(a, b)| *a * *b).sum()
-                    };
-                    // The row says: unknown's part = given's part + incident. Radiated is what is left.
-                    let total =
-                        product(&row.given, &given[parity]) - product(&row.unknown, &unknown[parity]);
-                    *sum += total * sign;
-                }
-            }
-        }
-        sums
+        self.problem.radiate([(&self.unknown, &self.given)], x)[0]
     }
 
     /// How far the field at the surface is from what the boundary says, at the middle of every panel, a point that
@@ -409,7 +479,7 @@ impl Solution<'_, '_> {
                     .map(|signs| {
                         let x = reflect(panel.centre, signs);
                         let pairs = [(&self.unknown, &self.given), (&none, &self.given)];
-                        let [radiated, driven] = self.radiated_by(pairs, x);
+                        let [radiated, driven] = problem.radiate(pairs, x);
                         let comes = incident.map_or(ZERO, |incident| {
                             incident(x, reflect(panel.normal, signs)).pressure
                         });
@@ -454,30 +524,19 @@ impl Solution<'_, '_> {
     }
 }
 
-/// ∫ λ_j ∂G/∂n_y.
-fn double(seen: &Integrals, normal: Point, j: usize) -> c64 {
-    -along(&seen.gradient[j], normal)
+/// What a panel's points bring to the equations, one for each parity.
+struct Tested {
+    /// To its nodes' equations.
+    rows: Vec<(usize, Vec<Row>)>,
+    /// To every equation, by what is given at its own nodes on the free surface.
+    given: Vec<(usize, Vec<Vec<c64>>)>,
 }
 
-fn along(gradient: &[c64; 3], direction: Point) -> c64 {
-    gradient[0] * direction[0] + gradient[1] * direction[1] + gradient[2] * direction[2]
-}
-
-/// ∂/∂n_x ∫ λ_j ∂G/∂n_y, integrated by parts (Maue): the line integrals cancel between neighbours.
-fn hypersingular(
-    seen: &Integrals,
-    panel: &super::panel::Panel,
-    normal: Point,
-    k: f64,
-) -> [c64; 3] {
-    let total: [c64; 3] = std::array::from_fn(|axis| {
-        seen.gradient[0][axis] + seen.gradient[1][axis] + seen.gradient[2][axis]
-    });
-    let facing = k * k * dot(normal, panel.normal);
-    std::array::from_fn(|j| {
-        // n·(∇G × c) = ∇G·(c × n).
-        along(&total, cross(panel.curls[j], normal)) + seen.single[j] * facing
-    })
+/// What a point sees.
+struct Seen {
+    row: Row,
+    /// ∫ λ ∂G/∂n of each node.
+    double: Vec<c64>,
 }
 
 /// One equation: unknown's part = given's part + incident.

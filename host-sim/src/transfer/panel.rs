@@ -1,5 +1,5 @@
-//! A flat triangle that radiates: integrals of the Helmholtz kernel `G = e^{−ikR}/(4πR)` and of its gradient
-//! against the three hat functions λ.
+//! A flat triangle that radiates: integrals of the Helmholtz kernel `G = e^{−ikR}/(4πR)` and of its
+//! derivative along the panel's normal, against the three hat functions λ.
 //!
 //! Far from the triangle three points on it stand for it. Near it the static part is exact (Wilton et al.
 //! 1984; Graglia 1993), and the three points only carry the smooth rest.
@@ -43,8 +43,8 @@ pub struct Panel {
 pub struct Integrals {
     /// ∫ λ_j G, m.
     pub single: [c64; 3],
-    /// ∫ λ_j ∇_x G.
-    pub gradient: [[c64; 3]; 3],
+    /// ∫ λ_j ∂G/∂n_y.
+    pub double: [c64; 3],
 }
 
 impl Panel {
@@ -82,20 +82,15 @@ impl Panel {
             Integrals::default()
         };
         let weight = self.area / (12.0 * PI);
+        // n·(y − x) is the same all over the panel.
+        let height = weight * dot(self.normal, apart);
         for (y, hats) in self.samples.iter().zip(&HATS) {
-            let away = sub(*y, x);
-            let (single, radial) = if near {
-                rest(norm(away), k)
-            } else {
-                kernel(norm(away), k)
-            };
-            let gradient = away.map(|part| radial * (part * weight));
-            let single = single * weight;
+            let r = distance(*y, x);
+            let (single, radial) = if near { rest(r, k) } else { kernel(r, k) };
+            let (single, double) = (single * weight, radial * height);
             for (j, hat) in hats.iter().enumerate() {
                 sum.single[j] += single * *hat;
-                for (to, from) in sum.gradient[j].iter_mut().zip(&gradient) {
-                    *to += *from * *hat;
-                }
+                sum.double[j] += double * *hat;
             }
         }
         sum
@@ -123,13 +118,8 @@ impl Panel {
         // ∫ 1/R; ∫ ρ/R and −∫ ρ/R³ with ρ in the plane from the foot.
         let mut inverse = height * angle;
         let (mut moment, mut slope) = ([0.0; 3], [0.0; 3]);
-        // Of each gradient: −∮ (∇λ·ρ) m/R.
-        let mut rim = [[0.0; 3]; 3];
         for (i, (along, outward)) in self.edges.iter().enumerate() {
-            let (from, to) = (
-                sub(self.corners[i], x),
-                sub(self.corners[(i + 1) % 3], x),
-            );
+            let (from, to) = (sub(self.corners[i], x), sub(self.corners[(i + 1) % 3], x));
             let (s, e) = (dot(from, *along), dot(to, *along));
             let (rs, re) = (norm(from), norm(to));
             let side = dot(from, *outward);
@@ -142,33 +132,24 @@ impl Panel {
             let log = ratio.ln();
             inverse += side * log;
             let square = side * side + height * height;
-            let half = 0.5 * (square * log + e * re - s * rs);
-            moment = add(moment, scale(*outward, half));
+            moment = add(moment, scale(*outward, 0.5 * (square * log + e * re - s * rs)));
             slope = add(slope, scale(*outward, log));
-            for (rim, gradient) in rim.iter_mut().zip(&self.gradients) {
-                let line =
-                    side * dot(*gradient, *outward) * log + dot(*gradient, *along) * (re - rs);
-                *rim = sub(*rim, scale(*outward, line));
-            }
         }
-        let mut sum = Integrals::default();
         let unit = 1.0 / (4.0 * PI);
-        for j in 0..3 {
-            let gradient = self.gradients[j];
-            let value = if j == 0 { 1.0 } else { 0.0 } + dot(gradient, sub(foot, self.corners[0]));
-            sum.single[j] = c64::new(unit * (value * inverse + dot(gradient, moment)), 0.0);
-            // Graglia's tangential and normal parts.
-            let constant = sub(scale(self.normal, angle), slope);
-            let tangential = add(scale(gradient, inverse), rim[j]);
-            let normal = scale(self.normal, height * dot(gradient, slope));
-            let total = add(scale(constant, value), add(tangential, normal));
-            sum.gradient[j] = total.map(|part| c64::new(unit * part, 0.0));
+        let mut sum = Integrals::default();
+        for (j, gradient) in self.gradients.iter().enumerate() {
+            let value = if j == 0 { 1.0 } else { 0.0 } + dot(*gradient, sub(foot, self.corners[0]));
+            let single = value * inverse + dot(*gradient, moment);
+            // ∂/∂n_y (1/R) = height/R³.
+            let double = -value * angle - height * dot(*gradient, slope);
+            sum.single[j] = c64::new(unit * single, 0.0);
+            sum.double[j] = c64::new(unit * double, 0.0);
         }
         sum
     }
 }
 
-/// 4πG and the factor of `y − x` in 4π∇_x G, at distance R.
+/// 4πG and the factor of `x − y` in 4π∇_y G, at distance R.
 pub fn kernel(r: f64, k: f64) -> (c64, c64) {
     let (sin, cos) = (k * r).sin_cos();
     let single = c64::new(cos / r, -sin / r);
@@ -209,24 +190,20 @@ mod tests {
                 let part = by_parts(corners, hats, x, k, n - 1);
                 for j in 0..3 {
                     sum.single[j] += part.single[j];
-                    for axis in 0..3 {
-                        sum.gradient[j][axis] += part.gradient[j][axis];
-                    }
+                    sum.double[j] += part.double[j];
                 }
             }
             return sum;
         }
         let panel = Panel::new(corners);
         for (y, at) in panel.samples.iter().zip(&HATS) {
-            let away = sub(*y, x);
-            let (single, radial) = kernel(norm(away), k);
+            let (single, radial) = kernel(distance(*y, x), k);
+            let height = dot(panel.normal, sub(x, *y));
             for j in 0..3 {
                 let hat: f64 = (0..3).map(|corner| at[corner] * hats[corner][j]).sum();
                 let weight = hat * panel.area / (12.0 * PI);
                 sum.single[j] += single * weight;
-                for axis in 0..3 {
-                    sum.gradient[j][axis] += radial * (away[axis] * weight);
-                }
+                sum.double[j] += radial * (height * weight);
             }
         }
         sum
@@ -242,10 +219,8 @@ mod tests {
             let found = panel.integrals(x, 0.5);
             for j in 0..3 {
                 assert!((found.single[j] - exact.single[j]).norm() < 2e-4, "{x:?} {j}");
-                for axis in 0..3 {
-                    let off = found.gradient[j][axis] - exact.gradient[j][axis];
-                    assert!(off.norm() < 5e-4, "{x:?} {j} {axis}: {off}");
-                }
+                let off = found.double[j] - exact.double[j];
+                assert!(off.norm() < 5e-4, "{x:?} {j}: {off}");
             }
         }
     }
