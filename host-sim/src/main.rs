@@ -10,6 +10,7 @@ use anyhow::{Context, Result};
 use clap::{Parser, Subcommand};
 use freshet_host::simulate::Told;
 use freshet_host::talk::Port;
+use freshet_host::transfer::command as transfer;
 use freshet_host::{bench, bridge, control, flash, list, record, render, replay, simulate, talk};
 
 /// Water and fire from physics: render scenes, hear them, measure them.
@@ -24,6 +25,10 @@ struct Cli {
 enum Command {
     /// Render a scene or a file of bubble events to a WAV
     Render(render::Request),
+    /// What an ear hears of a bubble in a vessel
+    Transfer(transfer::Request),
+    /// Check the mesh of a vessel, and draw it
+    Vessel(transfer::VesselRequest),
     /// List the scenes
     List,
     /// Show parameters: current value, default, range, unit
@@ -118,6 +123,8 @@ fn run(cli: Cli) -> Result<ExitCode> {
             let report = render::render(&request, &on_ctrl_c()?)?;
             finished(&report.output, &report.summary(), report.interrupted)
         }
+        Command::Transfer(request) => say(&transfer::transfer(&request)?),
+        Command::Vessel(request) => say(&transfer::vessel(&request)?),
         Command::List => say(&list::list()?),
         Command::Describe { path, scene } => {
             say(&list::describe(path.as_deref(), scene.as_deref())?)

@@ -38,6 +38,15 @@ const SPAN_DB: f32 = 80.0;
 /// What silence reads, in dB.
 const SILENCE_DB: f32 = -200.0;
 
+/// The family of the pictures' font.
+pub(crate) const FONT: &str = "freshet";
+
+/// Makes [`FONT`] known to the drawing.
+pub(crate) fn use_font() -> Result<()> {
+    register_font(FONT, FontStyle::Normal, epaint_default_fonts::UBUNTU_LIGHT)
+        .map_err(|_| anyhow!("the embedded font cannot be read"))
+}
+
 /// Refuses a name that does not end in `.png`.
 pub fn check_name(path: &Path) -> Result<()> {
     let is_png = path
@@ -506,14 +515,12 @@ mod plot {
     const FAINT: RGBColor = RGBColor(224, 227, 232);
     const PAPER: RGBColor = RGBColor(255, 255, 255);
     const WAVE: RGBColor = RGBColor(74, 60, 132);
-    const FONT: &str = "freshet";
 
     type Area<'a> = DrawingArea<BitMapBackend<'a>, plotters::coord::Shift>;
 
     pub(super) fn draw(path: &Path, title: &str, sound: &Spectrogram, cells: &Cells) -> Result<()> {
         // A font of our own: a board or a build machine may have none.
-        register_font(FONT, FontStyle::Normal, epaint_default_fonts::UBUNTU_LIGHT)
-            .map_err(|_| anyhow!("the embedded font cannot be read"))?;
+        use_font()?;
         let root = BitMapBackend::new(path, SIZE).into_drawing_area();
         root.fill(&PAPER)?;
         headline(&root, title, sound)?;

@@ -114,7 +114,7 @@ fn off(found: c64, exact: c64) -> f64 {
 #[test]
 fn explore() {
     for (radius, edge) in [(0.05, 0.012), (0.05, 0.009), (0.05, 0.006)] {
-        let shape = Shape::new(vessel::drop(radius, edge)).unwrap();
+        let shape = Shape::new(vessel::Vessel::parse("", &format!("shape = \"drop\"\nradius = {radius}\nedge = {edge}"), std::path::Path::new(".")).unwrap().mesh().unwrap().unwrap()).unwrap();
         let Shape::Closed(c) = &shape else { panic!() };
         println!("edge {edge}: {:?} {:?} highest {}", c.water.count(), c.air.count(), shape.highest());
         for frequency in [300.0, 1000.0, 3000.0, 4745.0] {

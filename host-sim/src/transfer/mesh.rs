@@ -4,7 +4,7 @@ use std::collections::HashMap;
 
 use anyhow::{Result, bail};
 
-use super::point::{Point, add, cross, distance, dot, scale, sub};
+use super::point::{Point, cross, distance, dot, norm, scale, sub};
 
 /// What lies on the two sides of a triangle.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -31,7 +31,7 @@ impl Part {
 
 /// Triangles with parts. What mirror planes say need not be there: the planes x = 0 and y = 0, each if `true`,
 /// and then only x ≥ 0 or y ≥ 0 is meshed.
-#[derive(Clone, Debug, Default)]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub struct Mesh {
     pub points: Vec<Point>,
     /// Counter-clockwise seen from where the normal points: out of the liquid, or into the air.
@@ -112,6 +112,14 @@ impl Mesh {
         self
     }
 
+    /// Area in m², the reflections included.
+    pub fn area(&self) -> f64 {
+        let double = |[a, b, c]: [Point; 3]| norm(cross(sub(b, a), sub(c, a)));
+        let triangles = self.triangles.iter();
+        let meshed: f64 = triangles.map(|t| 0.5 * double(t.0.map(|i| self.points[i]))).sum();
+        meshed * images(self.mirrors).len() as f64
+    }
+
     /// Volume of what the triangles of the liquid enclose, m³.
     pub fn volume(&self) -> f64 {
         let meshed: f64 = self
@@ -174,17 +182,4 @@ impl Builder {
             self.mesh.triangles.push((corners, part));
         }
     }
-}
-
-/// Centre of a box around points, and its diagonal.
-pub fn extent(points: &[Point]) -> (Point, f64) {
-    let mut low = [f64::INFINITY; 3];
-    let mut high = [f64::NEG_INFINITY; 3];
-    for point in points {
-        for axis in 0..3 {
-            low[axis] = low[axis].min(point[axis]);
-            high[axis] = high[axis].max(point[axis]);
-        }
-    }
-    (scale(add(low, high), 0.5), distance(low, high))
 }

@@ -5,9 +5,13 @@
 //! P/S_b at the ear in 1/m; sound in pascal takes [`DENSITY_RATIO`] besides.
 
 pub mod block;
+pub mod command;
 pub mod elements;
 pub mod mesh;
+pub mod mesh_file;
+pub mod multipoles;
 pub mod panel;
+pub mod picture;
 pub mod plane;
 pub mod point;
 pub mod revolve;

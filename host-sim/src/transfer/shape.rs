@@ -3,7 +3,7 @@
 use anyhow::{Result, bail};
 
 use super::AIR;
-use super::mesh::{self, Mesh, Part, images, reflect, show};
+use super::mesh::{Mesh, Part, images, reflect, show};
 use super::panel::Panel;
 use super::point::{Point, sub};
 
@@ -246,9 +246,4 @@ impl Surface {
         let n = images(self.mirrors).len();
         (n * self.panels.len(), n * self.nodes.len())
     }
-}
-
-/// A box around points: its centre and its diagonal.
-pub fn extent(points: &[Point]) -> (Point, f64) {
-    mesh::extent(points)
 }
