@@ -19,6 +19,8 @@ use std::f64::consts::PI;
 pub type Nodal = Vec<Vec<c64>>;
 
 const ZERO: c64 = c64::new(0.0, 0.0);
+/// Panels that a residual is taken at, about.
+const MIDDLES: usize = 400;
 
 /// Even or odd in each mirror plane: the sign that each reflection brings.
 struct Parity {
@@ -328,24 +330,23 @@ impl<'a> Problem<'a> {
         }
     }
 
-    /// The field that values on the surface radiate to `x`.
-    fn radiate<const N: usize>(&self, values: [(&Nodal, &Nodal); N], x: Point) -> [c64; N] {
+    /// The field that values on the surface radiate to `x`, each parity's part of it: at a reflection of `x` the sum
+    /// is the same with the parity's signs.
+    fn radiate<const N: usize>(&self, values: [(&Nodal, &Nodal); N], x: Point) -> Vec<[c64; N]> {
         let surface = self.surface;
-        let mut sums = [ZERO; N];
-        // Of each panel's corners: single and double layer's density.
+        let mut sums = vec![[ZERO; N]; self.parities.len()];
         for (image, signs) in images(surface.mirrors).into_iter().enumerate() {
             let seen_from = reflect(x, signs);
             for (index, (panel, nodes)) in surface.panels.iter().zip(&surface.corners).enumerate() {
                 let free = surface.free[index];
                 let seen = panel.integrals(seen_from, self.k);
-                for (parity, kind) in self.parities.iter().enumerate() {
-                    let sign = kind.signs[image];
+                let numbers = nodes.map(|node| surface.free_node[node]);
+                for (parity, (sums, kind)) in sums.iter_mut().zip(&self.parities).enumerate() {
                     for (sum, (unknown, given)) in sums.iter_mut().zip(&values) {
                         let mut part = ZERO;
-                        for (j, &node) in nodes.iter().enumerate() {
-                            let number = surface.free_node[node];
-                            let value = unknown[parity][node];
-                            part += match (self.side, number) {
+                        for j in 0..3 {
+                            let value = unknown[parity][nodes[j]];
+                            part += match (self.side, numbers[j]) {
                                 (Side::Water, None) => -seen.double[j] * value,
                                 (Side::Water, Some(number)) => {
                                     let pressure = seen.double[j] * given[parity][number];
@@ -361,7 +362,7 @@ impl<'a> Problem<'a> {
                                 (Side::Air(_), _) => seen.double[j] * value,
                             };
                         }
-                        *sum += part * sign;
+                        *sum += part * kind.signs[image];
                     }
                 }
             }
@@ -461,38 +462,51 @@ impl Solution<'_, '_> {
 
     /// The field that the surface radiates to `x`, which does not lie on it: without the incident one.
     pub fn radiated(&self, x: Point) -> c64 {
-        self.problem.radiate([(&self.unknown, &self.given)], x)[0]
+        let parts = self.problem.radiate([(&self.unknown, &self.given)], x);
+        parts.iter().map(|part| part[0]).sum()
     }
 
-    /// How far the field at the surface is from what the boundary says, at the middle of every panel, a point that
-    /// no equation used: the rms over the surface, relative to that of what drives it.
+    /// How far the field at the surface is from what the boundary says, at the middles of panels, points that no
+    /// equation used: the rms over the surface, relative to that of what drives it.
     pub fn residual(&self, incident: Option<&(dyn Fn(Point, Point) -> Value + Sync)>) -> f64 {
         let problem = self.problem;
         let surface = problem.surface;
         let none = vec![vec![ZERO; surface.nodes.len()]; problem.parities.len()];
-        let parts: Vec<(f64, f64)> = (0..surface.panels.len())
-            .into_par_iter()
-            .map(|index| {
+        // Evenly among them, where they are many.
+        let step = surface.panels.len().div_ceil(MIDDLES);
+        let panels: Vec<usize> = (0..surface.panels.len()).step_by(step).collect();
+        let parts: Vec<(f64, f64)> = panels
+            .par_iter()
+            .map(|&index| {
                 let panel = &surface.panels[index];
-                images(surface.mirrors)
-                    .into_iter()
-                    .map(|signs| {
-                        let x = reflect(panel.centre, signs);
-                        let pairs = [(&self.unknown, &self.given), (&none, &self.given)];
-                        let [radiated, driven] = problem.radiate(pairs, x);
-                        let comes = incident.map_or(ZERO, |incident| {
-                            incident(x, reflect(panel.normal, signs)).pressure
-                        });
-                        let (own, given) = self.own(index, signs);
-                        let off = radiated + comes - own * 0.5;
-                        let drive = match problem.side {
-                            // Given pressure drives as itself.
-                            Side::Water => comes + given,
-                            Side::Air(_) => comes + driven,
-                        };
-                        (off.norm_sqr() * panel.area, drive.norm_sqr() * panel.area)
-                    })
-                    .fold((0.0, 0.0), |a, b| (a.0 + b.0, a.1 + b.1))
+                let pairs = [(&self.unknown, &self.given), (&none, &self.given)];
+                let radiated = problem.radiate(pairs, panel.centre);
+                let own = self.own(index);
+                let (mut off, mut drive) = (0.0, 0.0);
+                for (image, signs) in images(surface.mirrors).into_iter().enumerate() {
+                    let comes = incident.map_or(ZERO, |incident| {
+                        incident(
+                            reflect(panel.centre, signs),
+                            reflect(panel.normal, signs),
+                        )
+                        .pressure
+                    });
+                    let (mut missed, mut driven) = (comes, comes);
+                    for (parity, kind) in problem.parities.iter().enumerate() {
+                        let sign = kind.signs[image];
+                        let (value, given) = own[parity];
+                        missed += (radiated[parity][0] - value * 0.5) * sign;
+                        // Given pressure drives as itself, given flow by what it radiates.
+                        driven += sign
+                            * match problem.side {
+                                Side::Water => given,
+                                Side::Air(_) => radiated[parity][1],
+                            };
+                    }
+                    off += missed.norm_sqr() * panel.area;
+                    drive += driven.norm_sqr() * panel.area;
+                }
+                (off, drive)
             })
             .collect();
         let (off, drive) = parts
@@ -501,26 +515,22 @@ impl Solution<'_, '_> {
         (off / drive.max(f64::MIN_POSITIVE)).sqrt()
     }
 
-    /// The pressure at the middle of a panel's reflection, and what of it is given.
-    fn own(&self, panel: usize, signs: [f64; 2]) -> (c64, c64) {
+    /// Of each parity: the pressure at the middle of a panel, and what of it is given.
+    fn own(&self, panel: usize) -> Vec<(c64, c64)> {
         let problem = self.problem;
         let surface = problem.surface;
-        let all = images(surface.mirrors);
-        let image = all.iter().position(|s| *s == signs).unwrap_or(0);
-        let (mut own, mut given) = (ZERO, ZERO);
-        for (parity, kind) in problem.parities.iter().enumerate() {
-            let sign = kind.signs[image] / 3.0;
-            for &node in &surface.corners[panel] {
-                match (problem.side, surface.free_node[node]) {
-                    (Side::Water, Some(number)) => {
-                        own += self.given[parity][number] * sign;
-                        given += self.given[parity][number] * sign;
+        (0..problem.parities.len())
+            .map(|parity| {
+                let (mut own, mut given) = (ZERO, ZERO);
+                for &node in &surface.corners[panel] {
+                    match (problem.side, surface.free_node[node]) {
+                        (Side::Water, Some(number)) => given += self.given[parity][number] / 3.0,
+                        _ => own += self.unknown[parity][node] / 3.0,
                     }
-                    _ => own += self.unknown[parity][node] * sign,
                 }
-            }
-        }
-        (own, given)
+                (own + given, given)
+            })
+            .collect()
     }
 }
 
