@@ -28,6 +28,12 @@ pub struct Request {
         allow_hyphen_values = true
     )]
     pub seconds: f64,
+    /// Only the transfer from bubble to ear: its residuals and its speed; it takes minutes
+    #[arg(long)]
+    pub transfer: bool,
+    /// With --transfer: draw convergence and cost into this folder
+    #[arg(long, value_name = "FOLDER", requires = "transfer")]
+    pub plots: Option<std::path::PathBuf>,
 }
 
 /// One line of the table.
@@ -42,6 +48,9 @@ struct Line {
 pub fn bench(request: &Request) -> Result<String> {
     if !(0.01..=3600.0).contains(&request.seconds) {
         bail!("--seconds {}: expected from 0.01 to 3600", request.seconds);
+    }
+    if request.transfer {
+        return crate::transfer::bench::bench(request.plots.as_deref());
     }
     let frames = (request.seconds * f64::from(RATE)) as usize;
     let mut lines: Vec<Line> = [1e6, 1e5, 1e4]

@@ -2,20 +2,25 @@
 
 use super::mesh::{Builder, Mesh, Part};
 
-/// Inner width (x), depth (y), height and wall thickness; `level` is the liquid's height above the inner bottom.
+/// Inner width (x), depth (y), height and wall thickness, 0 for a thin interface around the liquid; `level` is the
+/// liquid's height above the inner bottom.
 pub fn open_box(size: [f64; 3], wall: f64, level: f64, edge: f64) -> Mesh {
     let [x, y, z] = [0.5 * size[0], 0.5 * size[1], size[2]];
     let mut quarter = Quarter::default();
     quarter.builder.mesh.mirrors = [true, true];
+    let inner = if wall > 0.0 { Part::Wet } else { Part::Solid };
     let (xs, ys) = (steps(0.0, x, edge), steps(0.0, y, edge));
     let (rim_x, rim_y) = (steps(x, x + wall, edge), steps(y, y + wall, edge));
     let all = |inner: &[f64], rim: &[f64]| [inner, &rim[1..]].concat();
     let (all_x, all_y) = (all(&xs, &rim_x), all(&ys, &rim_y));
     let wet = steps(0.0, level, edge);
-    quarter.face(2, -1.0, 0.0, &xs, &ys, Part::Wet);
-    quarter.face(0, 1.0, x, &ys, &wet, Part::Wet);
-    quarter.face(1, 1.0, y, &wet, &xs, Part::Wet);
+    quarter.face(2, -1.0, 0.0, &xs, &ys, inner);
+    quarter.face(0, 1.0, x, &ys, &wet, inner);
+    quarter.face(1, 1.0, y, &wet, &xs, inner);
     quarter.face(2, 1.0, level, &xs, &ys, Part::Free);
+    if wall == 0.0 {
+        return quarter.builder.mesh;
+    }
     if level < z {
         let dry = steps(level, z, edge);
         quarter.face(0, -1.0, x, &ys, &dry, Part::Dry);

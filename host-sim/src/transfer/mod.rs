@@ -4,6 +4,7 @@
 //! ∂P/∂n = 0 on solids; in the air ∂P/∂n is the water's on the free surface and 0 on solids. What is computed is
 //! P/S_b at the ear in 1/m; sound in pascal takes [`DENSITY_RATIO`] besides.
 
+pub mod bench;
 pub mod block;
 pub mod command;
 pub mod elements;

@@ -10,7 +10,7 @@ use faer::{Mat, c64};
 use rayon::prelude::*;
 
 use super::elements::source;
-use super::point::{Point, add, distance, dot, norm, scale, sub};
+use super::point::{Point, add, dot, norm, scale, sub};
 use super::shape::{Closed, Sample, Shape};
 use super::solver::{Residual, Transfer, wavenumbers};
 
@@ -18,8 +18,9 @@ use super::solver::{Residual, Transfer, wavenumbers};
 pub const FUNCTIONS: usize = 9;
 /// Ridge over the matrix's Frobenius norm (HF §5.6).
 const RIDGE: f64 = 1e-8;
-/// The surface is grown by a voxel (HF §5.5) of a grid so many times finer than the liquid is long (HF table 1).
-const VOXELS: f64 = 80.0;
+/// The surface is grown by a voxel (HF §5.5). HF table 1 has voxels of 2 to 12 mm, and its greatest kL say that the
+/// liquid is 8 to 15 of them long.
+const VOXELS: f64 = 12.0;
 
 /// A shape at a frequency, factored for HF's functions.
 pub struct Multipoles {
@@ -37,6 +38,8 @@ struct Fit {
     /// Of the rows that ask for a slope.
     alpha: f64,
     matrix: Mat<c64>,
+    /// By which the functions were divided.
+    norms: Vec<f64>,
     factors: Qr<c64>,
 }
 
@@ -69,14 +72,14 @@ impl Multipoles {
     ) -> Result<Self> {
         if centres.len() < water.max(air) {
             bail!(
-                "no room for {} points in the liquid away from its surface: found {}; use fewer",
+                "no room for {} points in the liquid: found {}; use fewer",
                 water.max(air),
                 centres.len()
             );
         }
         let (kw, ka) = wavenumbers(frequency);
-        // HF §5.2: the ratio of the areas.
-        let alpha = closed.water.area(false) / closed.water.area(true);
+        // HF §5.2: the ratio of the areas, for domains about as large as the unit: here times that length.
+        let alpha = length(closed) * closed.water.area(false) / closed.water.area(true);
         let new = |k, outgoing, count: usize, samples, alpha| {
             Fit::new(k, outgoing, centres[..count].to_vec(), samples, alpha)
         };
@@ -141,7 +144,7 @@ impl Multipoles {
 
 /// The surface's samples, grown by a voxel.
 pub fn samples(closed: &Closed) -> (Vec<Sample>, Vec<Sample>) {
-    let voxel = closed.water.diagonal() / VOXELS;
+    let voxel = length(closed) / VOXELS;
     let grow = |mut samples: Vec<Sample>| {
         for sample in &mut samples {
             sample.point = add(sample.point, scale(sample.normal, voxel));
@@ -151,11 +154,14 @@ pub fn samples(closed: &Closed) -> (Vec<Sample>, Vec<Sample>) {
     (grow(closed.water.samples()), grow(closed.air.samples()))
 }
 
-/// Random points in the liquid, an edge away from its surface where they fit; always the same for one seed.
+/// HF's L: the edge of a cube as long across as the liquid, m.
+fn length(closed: &Closed) -> f64 {
+    closed.water.diagonal() / 3f64.sqrt()
+}
+
+/// Random points in the liquid, always the same for one seed; fewer where they hardly ever fall into it.
 pub fn scatter(closed: &Closed, count: usize, seed: u64) -> Vec<Point> {
     let (low, high) = closed.water.bounds();
-    let samples = closed.water.samples();
-    let mean = samples.iter().map(|sample| sample.area).sum::<f64>() / samples.len() as f64;
     let mut state = seed;
     let mut uniform = || {
         // Splitmix64.
@@ -166,18 +172,12 @@ pub fn scatter(closed: &Closed, count: usize, seed: u64) -> Vec<Point> {
         ((z ^ (z >> 31)) >> 11) as f64 / (1u64 << 53) as f64
     };
     let mut centres = Vec::new();
-    // A shallow puddle has no place that far from its surface: come closer after a while.
-    let mut room = mean.sqrt();
-    for tries in 0..100 * count.max(10) {
+    for _ in 0..1000 * count {
         if centres.len() == count {
             break;
         }
-        if tries % (10 * count.max(10)) == 0 {
-            room *= 0.8;
-        }
         let point = std::array::from_fn(|axis| low[axis] + (high[axis] - low[axis]) * uniform());
-        let clear = || samples.iter().all(|sample| distance(sample.point, point) > room);
-        if clear() && closed.water.encloses(point) {
+        if closed.water.encloses(point) {
             centres.push(point);
         }
     }
@@ -199,7 +199,14 @@ impl Fit {
                     .collect()
             })
             .collect();
-        let matrix = Mat::from_fn(rows.len(), unknowns, |i, j| rows[i][j]);
+        // To unit norm: at small kL the quadrupoles are so much smaller that the ridge would drown them.
+        let norms: Vec<f64> = (0..unknowns)
+            .map(|j| {
+                let column = rows.iter().map(|row| row[j].norm_sqr());
+                column.sum::<f64>().sqrt().max(f64::MIN_POSITIVE)
+            })
+            .collect();
+        let matrix = Mat::from_fn(rows.len(), unknowns, |i, j| rows[i][j] / norms[j]);
         let ridge = c64::new(RIDGE * matrix.norm_l2(), 0.0);
         let padded = Mat::from_fn(rows.len() + unknowns, unknowns, |i, j| {
             match i.checked_sub(rows.len()) {
@@ -213,6 +220,7 @@ impl Fit {
             outgoing,
             factors: padded.qr(),
             matrix,
+            norms,
             centres,
             samples,
             alpha,
@@ -244,7 +252,7 @@ impl Fit {
             .iter()
             .flat_map(|centre| functions(sub(at, *centre), self.k, self.outgoing, along))
             .enumerate()
-            .map(|(i, value)| value * coefficients[(i, 0)])
+            .map(|(i, value)| value * coefficients[(i, 0)] / self.norms[i])
             .sum()
     }
 }

@@ -5,7 +5,7 @@
 //! shape = "glass"     # drop, glass, bowl, box, pool or mesh
 //! radius = 0.035      # inside
 //! height = 0.12       # of the rim above the inner bottom
-//! wall = 0.003
+//! wall = 0.003        # 0: as HF have it, a thin interface around the liquid, and then level = height
 //! level = 0.05        # of the water above the inner bottom
 //! edge = 0.006        # of the triangles [default: about 3700 of them]
 //! ```
@@ -22,7 +22,7 @@ use toml::de::{DeTable, DeValue};
 use super::block::open_box;
 use super::mesh::{Mesh, Part};
 use super::mesh_file;
-use super::revolve::{arc, revolve};
+use super::revolve::{Corner, arc, revolve};
 use super::shape::Shape;
 use crate::scene_file::{Reader, cannot_read, nearest};
 
@@ -156,20 +156,20 @@ impl Vessel {
             "glass" => Form::Glass {
                 radius: length("radius")?,
                 height: length("height")?,
-                wall: length("wall")?,
+                wall: fields.wall()?,
                 level: fields.at_most("level", "height")?,
             },
             "bowl" => Form::Bowl {
                 radius: length("radius")?,
                 height: fields.at_most("height", "radius")?,
-                wall: length("wall")?,
+                wall: fields.wall()?,
                 level: fields.at_most("level", "height")?,
             },
             "box" => Form::Box {
                 width: length("width")?,
                 depth: length("depth")?,
                 height: length("height")?,
-                wall: length("wall")?,
+                wall: fields.wall()?,
                 level: fields.at_most("level", "height")?,
             },
             "pool" => Form::Pool,
@@ -269,6 +269,7 @@ fn drop(radius: f64, edge: f64) -> Mesh {
 }
 
 fn glass(radius: f64, height: f64, wall: f64, level: f64, edge: f64) -> Mesh {
+    let free = vec![(radius, level), (0.0, level)];
     let outer = radius + wall;
     let wet = vec![(0.0, 0.0), (radius, 0.0), (radius, level)];
     let dry = vec![
@@ -278,8 +279,20 @@ fn glass(radius: f64, height: f64, wall: f64, level: f64, edge: f64) -> Mesh {
         (radius, height),
         (radius, level),
     ];
-    let free = vec![(radius, level), (0.0, level)];
-    revolve(&[(wet, Part::Wet), (dry, Part::Dry), (free, Part::Free)], edge)
+    revolve(&lines(wall, wet, dry, free), edge)
+}
+
+/// The profile of a vessel of revolution.
+fn lines(
+    wall: f64,
+    wet: Vec<Corner>,
+    dry: Vec<Corner>,
+    free: Vec<Corner>,
+) -> Vec<(Vec<Corner>, Part)> {
+    if wall == 0.0 {
+        return vec![(wet, Part::Solid), (free, Part::Free)];
+    }
+    vec![(wet, Part::Wet), (dry, Part::Dry), (free, Part::Free)]
 }
 
 /// Walls between two spheres of one centre, cut off level at the rim.
@@ -294,7 +307,7 @@ fn bowl(radius: f64, height: f64, wall: f64, level: f64, edge: f64) -> Mesh {
         dry.extend(wet.last());
     }
     let free = vec![*wet.last().unwrap_or(&(0.0, level)), (0.0, level)];
-    revolve(&[(wet, Part::Wet), (dry, Part::Dry), (free, Part::Free)], edge)
+    revolve(&lines(wall, wet, dry, free), edge)
 }
 
 /// The keys of a file, read with their places.
@@ -344,6 +357,19 @@ impl Fields<'_> {
             return Err(self.error(key, format!("{key} = {value}: above `{limit}` = {most}")));
         }
         Ok(value)
+    }
+
+    /// A thickness; none only where the liquid fills the vessel.
+    fn wall(&self) -> Result<f64> {
+        let wall = self.number("wall", (0.0, LENGTH.1))?;
+        if wall > 0.0 && wall < LENGTH.0 {
+            let message = format!("wall = {wall}: expected 0, or at least {}", LENGTH.0);
+            return Err(self.error("wall", message));
+        }
+        if wall == 0.0 && self.number("level", LENGTH)? != self.number("height", LENGTH)? {
+            return Err(self.error("wall", "wall = 0: expected `level` to be `height`, for thin walls hold no air"));
+        }
+        Ok(wall)
     }
 
     fn names(&self, key: &str) -> Result<Vec<String>> {
