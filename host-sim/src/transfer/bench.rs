@@ -133,11 +133,17 @@ fn convergence(plots: Option<&Path>) -> Result<String> {
     let mut glass = vessel(GLASS)?;
     let fine = glass.shape()?;
     let found = closed(&fine)?;
-    let mut curves = ["HF water", "HF air", "elements, water", "elements, air", "elements, answer"]
-        .map(|name| Curve {
-            name: name.to_owned(),
-            points: Vec::new(),
-        });
+    let mut curves = [
+        "HF water",
+        "HF air",
+        "elements, water",
+        "elements, air",
+        "elements, answer",
+    ]
+    .map(|name| Curve {
+        name: name.to_owned(),
+        points: Vec::new(),
+    });
     for points in [5, 10, 20, 40, 80, 120] {
         // The placement is random: the mean of three.
         let mut sum = Residual::default();

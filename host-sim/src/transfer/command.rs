@@ -7,6 +7,7 @@ use clap::{Args, ValueEnum};
 use faer::c64;
 use serde_json::json;
 
+use super::DENSITY_RATIO;
 use super::mesh::show;
 use super::multipoles::Multipoles;
 use super::picture;
@@ -14,7 +15,6 @@ use super::point::Point;
 use super::shape::Shape;
 use super::solver::{Residual, Solver, Transfer};
 use super::vessel::{Form, Vessel};
-use super::DENSITY_RATIO;
 
 /// What `freshet transfer` is asked.
 #[derive(Clone, Debug, Args)]
@@ -215,7 +215,10 @@ pub fn vessel(request: &VesselRequest) -> Result<String> {
             let answer = json!({ "title": vessel.title, "shape": "pool" });
             serde_json::to_string_pretty(&answer)?
         } else {
-            format!("{}: water below z = 0, without end; nothing to mesh", vessel.title)
+            format!(
+                "{}: water below z = 0, without end; nothing to mesh",
+                vessel.title
+            )
         });
     };
     let (low, high) = closed.water.bounds();

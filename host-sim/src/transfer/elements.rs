@@ -309,7 +309,10 @@ impl<'a> Problem<'a> {
                 }
             }
         }
-        Seen { row, double: doubles }
+        Seen {
+            row,
+            double: doubles,
+        }
     }
 
     /// The half of the surface's own values at one of a panel's points.
@@ -322,7 +325,9 @@ impl<'a> Problem<'a> {
                 (Side::Water, None) => row.unknown[node] += half,
                 (Side::Air(weight), number) => {
                     row.unknown[node] += half;
-                    if surface.free[panel] && let Some(number) = number {
+                    if surface.free[panel]
+                        && let Some(number) = number
+                    {
                         row.given[number] -= weight * half;
                     }
                 }
@@ -485,11 +490,8 @@ impl Solution<'_, '_> {
                 let (mut off, mut drive) = (0.0, 0.0);
                 for (image, signs) in images(surface.mirrors).into_iter().enumerate() {
                     let comes = incident.map_or(ZERO, |incident| {
-                        incident(
-                            reflect(panel.centre, signs),
-                            reflect(panel.normal, signs),
-                        )
-                        .pressure
+                        incident(reflect(panel.centre, signs), reflect(panel.normal, signs))
+                            .pressure
                     });
                     let (mut missed, mut driven) = (comes, comes);
                     for (parity, kind) in problem.parities.iter().enumerate() {
@@ -509,9 +511,7 @@ impl Solution<'_, '_> {
                 (off, drive)
             })
             .collect();
-        let (off, drive) = parts
-            .iter()
-            .fold((0.0, 0.0), |a, b| (a.0 + b.0, a.1 + b.1));
+        let (off, drive) = parts.iter().fold((0.0, 0.0), |a, b| (a.0 + b.0, a.1 + b.1));
         (off / drive.max(f64::MIN_POSITIVE)).sqrt()
     }
 

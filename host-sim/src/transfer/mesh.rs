@@ -70,9 +70,7 @@ impl Mesh {
             let [a, b, c] = corners.map(|i| self.points[i]);
             volume += dot(a, cross(b, c)) / 6.0;
             for i in 0..3 {
-                *edges
-                    .entry((corners[i], corners[(i + 1) % 3]))
-                    .or_default() += 1;
+                *edges.entry((corners[i], corners[(i + 1) % 3])).or_default() += 1;
             }
         }
         let on_mirror = |i: usize, j: usize| {
@@ -99,7 +97,9 @@ impl Mesh {
             }
         }
         if volume <= 0.0 {
-            bail!("{what} is inside out: expected normals that point out of the liquid and into the air");
+            bail!(
+                "{what} is inside out: expected normals that point out of the liquid and into the air"
+            );
         }
         Ok(())
     }
@@ -116,7 +116,9 @@ impl Mesh {
     pub fn area(&self) -> f64 {
         let double = |[a, b, c]: [Point; 3]| norm(cross(sub(b, a), sub(c, a)));
         let triangles = self.triangles.iter();
-        let meshed: f64 = triangles.map(|t| 0.5 * double(t.0.map(|i| self.points[i]))).sum();
+        let meshed: f64 = triangles
+            .map(|t| 0.5 * double(t.0.map(|i| self.points[i])))
+            .sum();
         meshed * images(self.mirrors).len() as f64
     }
 

@@ -72,12 +72,19 @@ impl Soup<'_> {
             );
         };
         if corners.len() < 3 {
-            bail!("a face with {} corners: expected three or more", corners.len());
+            bail!(
+                "a face with {} corners: expected three or more",
+                corners.len()
+            );
         }
         let mut points = Vec::with_capacity(corners.len());
         for corner in corners {
             points.push(*self.points.get(*corner).with_context(|| {
-                format!("point {} of {}: there is none", corner + 1, self.points.len())
+                format!(
+                    "point {} of {}: there is none",
+                    corner + 1,
+                    self.points.len()
+                )
             })?);
         }
         for i in 2..points.len() {
@@ -174,9 +181,9 @@ fn ply(bytes: &[u8], soup: &mut Soup<'_>) -> Result<()> {
                     [kind, name] => (name, kind, None),
                     _ => bail!("line {}: `{line}`: expected a property", number + 1),
                 };
-                let element = elements
-                    .last_mut()
-                    .with_context(|| format!("line {}: a property before any element", number + 1))?;
+                let element = elements.last_mut().with_context(|| {
+                    format!("line {}: a property before any element", number + 1)
+                })?;
                 element.2.push(Property {
                     name: name.to_owned(),
                     kind: kind.to_owned(),
@@ -187,14 +194,19 @@ fn ply(bytes: &[u8], soup: &mut Soup<'_>) -> Result<()> {
         }
     }
     let body = &bytes[header + end.len()..];
-    let skip = body.iter().position(|byte| *byte == b'\n').map_or(body.len(), |at| at + 1);
+    let skip = body
+        .iter()
+        .position(|byte| *byte == b'\n')
+        .map_or(body.len(), |at| at + 1);
     let mut values = Values {
         body: &body[skip..],
         big: match format.as_str() {
             "ascii" => None,
             "binary_little_endian" => Some(false),
             "binary_big_endian" => Some(true),
-            _ => bail!("format `{format}`: expected ascii, binary_little_endian or binary_big_endian"),
+            _ => bail!(
+                "format `{format}`: expected ascii, binary_little_endian or binary_big_endian"
+            ),
         },
     };
     for (element, count, properties) in elements {
@@ -246,7 +258,10 @@ struct Values<'a> {
 impl Values<'_> {
     fn next(&mut self, kind: &str) -> Result<f64> {
         let Some(big) = self.big else {
-            let start = self.body.iter().position(|byte| !byte.is_ascii_whitespace());
+            let start = self
+                .body
+                .iter()
+                .position(|byte| !byte.is_ascii_whitespace());
             let rest = &self.body[start.context("the file ends too early")?..];
             let end = rest
                 .iter()

@@ -241,7 +241,9 @@ impl Fit {
         let solved = self.factors.solve_lstsq(&padded);
         let coefficients = Mat::from_fn(unknowns, 1, |i, _| solved[(i, 0)]);
         let fitted = &self.matrix * &coefficients;
-        let off: f64 = (0..rows).map(|i| (fitted[(i, 0)] - right[i]).norm_sqr()).sum();
+        let off: f64 = (0..rows)
+            .map(|i| (fitted[(i, 0)] - right[i]).norm_sqr())
+            .sum();
         let all: f64 = right.iter().map(c64::norm_sqr).sum();
         (coefficients, (off / all.max(f64::MIN_POSITIVE)).sqrt())
     }
@@ -265,7 +267,11 @@ fn weight(sample: &Sample, outgoing: bool, alpha: f64) -> f64 {
 /// `f_l(kR) Y_lm` for l = 0, 1, 2 with f = j or h⁽²⁾ (HF (23), (30)), or its slope along a direction.
 fn functions(x: Point, k: f64, outgoing: bool, along: Option<Point>) -> [c64; FUNCTIONS] {
     let r = norm(x).max(1e-12);
-    let f = if outgoing { hankel(k * r) } else { bessel(k * r) };
+    let f = if outgoing {
+        hankel(k * r)
+    } else {
+        bessel(k * r)
+    };
     let [a, b, c] = x;
     // Harmonic polynomials with the norms of real Y_lm.
     let n = [1.0, 3.0, 15.0, 3.75, 1.25].map(|n: f64| (n / (4.0 * PI)).sqrt());
@@ -277,7 +283,11 @@ fn functions(x: Point, k: f64, outgoing: bool, along: Option<Point>) -> [c64; FU
         (2, n[2] * a * b, [n[2] * b, n[2] * a, 0.0]),
         (2, n[2] * b * c, [0.0, n[2] * c, n[2] * b]),
         (2, n[2] * c * a, [n[2] * c, 0.0, n[2] * a]),
-        (2, n[3] * (a * a - b * b), [2.0 * n[3] * a, -2.0 * n[3] * b, 0.0]),
+        (
+            2,
+            n[3] * (a * a - b * b),
+            [2.0 * n[3] * a, -2.0 * n[3] * b, 0.0],
+        ),
         (
             2,
             n[4] * (2.0 * c * c - a * a - b * b),

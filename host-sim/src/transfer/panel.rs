@@ -132,7 +132,10 @@ impl Panel {
             let log = ratio.ln();
             inverse += side * log;
             let square = side * side + height * height;
-            moment = add(moment, scale(*outward, 0.5 * (square * log + e * re - s * rs)));
+            moment = add(
+                moment,
+                scale(*outward, 0.5 * (square * log + e * re - s * rs)),
+            );
             slope = add(slope, scale(*outward, log));
         }
         let unit = 1.0 / (4.0 * PI);
@@ -214,11 +217,19 @@ mod tests {
         let corners = [[0.0, 0.0, 0.0], [1.0, 0.1, 0.2], [0.2, 0.9, -0.1]];
         let unit = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
         let panel = Panel::new(corners);
-        for x in [[0.3, 0.3, 0.4], [0.4, 0.3, -0.3], [1.4, 0.2, 0.1], [-0.5, -0.6, 0.2]] {
+        for x in [
+            [0.3, 0.3, 0.4],
+            [0.4, 0.3, -0.3],
+            [1.4, 0.2, 0.1],
+            [-0.5, -0.6, 0.2],
+        ] {
             let exact = by_parts(corners, unit, x, 0.5, 7);
             let found = panel.integrals(x, 0.5);
             for j in 0..3 {
-                assert!((found.single[j] - exact.single[j]).norm() < 2e-4, "{x:?} {j}");
+                assert!(
+                    (found.single[j] - exact.single[j]).norm() < 2e-4,
+                    "{x:?} {j}"
+                );
                 let off = found.double[j] - exact.double[j];
                 assert!(off.norm() < 5e-4, "{x:?} {j}: {off}");
             }

@@ -66,7 +66,10 @@ fn draw_vessel(path: &Path, title: &str, facts: &str, closed: &Closed) -> Result
     let root = BitMapBackend::new(path, (SIZE.0 as u32, SIZE.1 as u32)).into_drawing_area();
     root.fill(&WHITE)?;
     for (corners, part) in &faces {
-        let normal = unit(cross(sub(corners[1], corners[0]), sub(corners[2], corners[0])));
+        let normal = unit(cross(
+            sub(corners[1], corners[0]),
+            sub(corners[2], corners[0]),
+        ));
         let shade = 0.55 + 0.45 * dot(normal, light).abs();
         let (colour, cover) = match part {
             Part::Free => ([90.0, 160.0, 235.0], 0.75),
@@ -145,9 +148,7 @@ fn draw_decades(path: &Path, title: &str, axes: [&str; 2], curves: &[Curve]) -> 
         chart
             .draw_series(line)?
             .label(&curve.name)
-            .legend(move |(x, y)| {
-                PathElement::new([(x, y), (x + 24, y)], colour.stroke_width(3))
-            });
+            .legend(move |(x, y)| PathElement::new([(x, y), (x + 24, y)], colour.stroke_width(3)));
     }
     chart
         .configure_series_labels()

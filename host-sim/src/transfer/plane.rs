@@ -29,7 +29,8 @@ pub fn transfer(bubble: Point, ear: Point, frequency: f64) -> (c64, f64) {
     let integrand = |rho: c64, angle: f64| {
         let square = rho * rho;
         let rw = (square + depth * depth).sqrt();
-        let ra = (square - rho * (2.0 * aside * angle.cos()) + (aside * aside + height * height)).sqrt();
+        let ra =
+            (square - rho * (2.0 * aside * angle.cos()) + (aside * aside + height * height)).sqrt();
         let flow = (c64::new(1.0, 0.0) + i * rw * kw) * depth / (rw * rw * rw * (2.0 * PI));
         // Both exponents in one: each alone may leave the range of numbers.
         -(flow / (ra * (2.0 * PI)) * (-i * (rw * kw + ra * ka)).exp() * rho * 2.0)
@@ -71,8 +72,13 @@ fn integrate(f: &dyn Fn(f64, f64) -> c64, left: &mut usize) -> (c64, f64) {
         for (at, value) in rough {
             let [u0, u1, a0, a1] = at;
             let (u, a) = (0.5 * (u0 + u1), 0.5 * (a0 + a1));
-            let parts = [[u0, u, a0, a], [u, u1, a0, a], [u0, u, a, a1], [u, u1, a, a1]]
-                .map(|at| (at, cell(f, at)));
+            let parts = [
+                [u0, u, a0, a],
+                [u, u1, a0, a],
+                [u0, u, a, a1],
+                [u, u1, a, a1],
+            ]
+            .map(|at| (at, cell(f, at)));
             let finer: c64 = parts.iter().map(|part| part.1).sum();
             let off = (finer - value).norm();
             *left = left.saturating_sub(4);
@@ -93,11 +99,7 @@ fn integrate(f: &dyn Fn(f64, f64) -> c64, left: &mut usize) -> (c64, f64) {
 }
 
 fn cell(f: &dyn Fn(f64, f64) -> c64, [u0, u1, a0, a1]: [f64; 4]) -> c64 {
-    let points = || {
-        GAUSS
-            .iter()
-            .flat_map(|(x, w)| [(*x, *w), (-*x, *w)])
-    };
+    let points = || GAUSS.iter().flat_map(|(x, w)| [(*x, *w), (-*x, *w)]);
     let (hu, ha) = (0.5 * (u1 - u0), 0.5 * (a1 - a0));
     let mut sum = c64::new(0.0, 0.0);
     for (x, wx) in points() {

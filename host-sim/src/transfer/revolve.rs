@@ -8,8 +8,9 @@ use super::point::Point;
 /// A corner of a profile: distance from the axis, height.
 pub type Corner = (f64, f64);
 
-/// Meshes lines (walked so that the surface's normal points to the right) with edges of about `edge`.
-pub fn revolve(lines: &[(Vec<Corner>, Part)], edge: f64) -> Mesh {
+/// Meshes lines (walked so that the surface's normal points to the right) with edges of about `edge`. Rings between
+/// the radii of `wall` get the same number of points: both sides of a thin upright wall then lie face to face.
+pub fn revolve(lines: &[(Vec<Corner>, Part)], edge: f64, wall: (f64, f64)) -> Mesh {
     let mut builder = Builder::default();
     builder.mesh.mirrors = [true, true];
     for (line, part) in lines {
@@ -18,7 +19,7 @@ pub fn revolve(lines: &[(Vec<Corner>, Part)], edge: f64) -> Mesh {
             let steps = ((r1 - r0).hypot(z1 - z0) / edge).ceil().max(1.0) as usize;
             let at = |i: usize| {
                 let t = i as f64 / steps as f64;
-                ring(r0 + t * (r1 - r0), z0 + t * (z1 - z0), edge)
+                ring(r0 + t * (r1 - r0), z0 + t * (z1 - z0), edge, wall)
             };
             for i in 0..steps {
                 stitch(&mut builder, &at(i), &at(i + 1), *part);
@@ -43,11 +44,13 @@ pub fn arc(radius: f64, height: f64, from: f64, to: f64, edge: f64) -> Vec<Corne
 }
 
 /// A quarter of a circle as a polygon that encloses as much as the circle does.
-fn ring(radius: f64, z: f64, edge: f64) -> Vec<Point> {
+fn ring(radius: f64, z: f64, edge: f64, wall: (f64, f64)) -> Vec<Point> {
     if radius <= 0.0 {
         return vec![[0.0, 0.0, z]];
     }
-    let n = (radius * FRAC_PI_2 / edge).round().max(2.0) as usize;
+    let in_wall = radius > wall.0 * (1.0 - 1e-9) && radius < wall.1;
+    let counted = if in_wall { wall.1 } else { radius };
+    let n = (counted * FRAC_PI_2 / edge).round().max(2.0) as usize;
     let step = FRAC_PI_2 / n as f64;
     let radius = radius * (step / step.sin()).sqrt();
     (0..=n)

@@ -163,7 +163,9 @@ impl Surface {
         };
         let mut number = vec![None; mesh.points.len()];
         for (corners, part) in mesh.triangles.iter().filter(|t| belongs(t.1)) {
-            surface.panels.push(Panel::new(corners.map(|i| mesh.points[i])));
+            surface
+                .panels
+                .push(Panel::new(corners.map(|i| mesh.points[i])));
             surface.free.push(*part == Part::Free);
             surface.corners.push(corners.map(|i| {
                 *number[i].get_or_insert_with(|| {
@@ -178,7 +180,10 @@ impl Surface {
 
     /// The longest edge, m.
     pub fn edge(&self) -> f64 {
-        self.panels.iter().map(|panel| panel.size).fold(0.0, f64::max)
+        self.panels
+            .iter()
+            .map(|panel| panel.size)
+            .fold(0.0, f64::max)
     }
 
     /// Area in m², the reflections included.

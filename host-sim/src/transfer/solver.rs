@@ -177,7 +177,10 @@ impl Field<'_, '_> {
         match &self.solved {
             None => {
                 let (_, off) = plane::transfer(bubble, self.ear, self.solver.frequency);
-                Residual { water: 0.0, air: off }
+                Residual {
+                    water: 0.0,
+                    air: off,
+                }
             }
             Some((inside, scattered)) => {
                 let (_, ka) = wavenumbers(self.solver.frequency);
@@ -226,12 +229,14 @@ impl Sound<'_, '_> {
         match &self.solved {
             None => {
                 let (_, off) = plane::transfer(self.bubble, ear, self.solver.frequency);
-                Residual { water: 0.0, air: off }
+                Residual {
+                    water: 0.0,
+                    air: off,
+                }
             }
             Some((inside, outside)) => {
                 let (kw, _) = wavenumbers(self.solver.frequency);
-                let incident =
-                    |at: Point, normal: Point| source(self.bubble, at, normal, kw);
+                let incident = |at: Point, normal: Point| source(self.bubble, at, normal, kw);
                 Residual {
                     water: inside.residual(Some(&incident)),
                     air: outside.residual(None),

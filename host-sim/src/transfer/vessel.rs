@@ -100,7 +100,9 @@ impl Vessel {
             .and_then(|file| file.take(MAX_BYTES + 1).read_to_end(&mut bytes))
             .map_err(|error| cannot_read(path, &error))?;
         if bytes.len() as u64 > MAX_BYTES {
-            bail!("{name}: expected a vessel, got more than {MAX_BYTES} bytes (is this a TOML file?)");
+            bail!(
+                "{name}: expected a vessel, got more than {MAX_BYTES} bytes (is this a TOML file?)"
+            );
         }
         let Ok(text) = String::from_utf8(bytes) else {
             bail!("{name}: expected text in UTF-8, got other bytes (is this a vessel file?)");
@@ -129,14 +131,22 @@ impl Vessel {
             let message = format!("shape = \"{shape}\": expected one of {}", shapes.join(", "));
             return Err(fields.error("shape", message));
         };
-        let known = || ["title", "shape", "edge"].iter().chain(keys.iter()).copied();
+        let known = || {
+            ["title", "shape", "edge"]
+                .iter()
+                .chain(keys.iter())
+                .copied()
+        };
         for (key, _) in fields.table {
             let key_text = key.get_ref().as_ref();
             if !known().any(|known| known == key_text) {
                 let list: Vec<&str> = known().collect();
                 let hint = nearest(key_text, known())
                     .map_or_else(String::new, |near| format!("did you mean `{near}`? "));
-                let message = format!("a {shape} has no `{key_text}` ({hint}expected {})", list.join(", "));
+                let message = format!(
+                    "a {shape} has no `{key_text}` ({hint}expected {})",
+                    list.join(", ")
+                );
                 return Err(fields.reader.error(key.span().start, message));
             }
         }
@@ -227,7 +237,12 @@ impl Form {
             Form::Drop { radius } => 2.0 * radius,
             Form::Glass { radius, height, .. } => f64::min(2.0 * radius, *height),
             Form::Bowl { radius, .. } => *radius,
-            Form::Box { width, depth, height, .. } => width.min(*depth).min(*height),
+            Form::Box {
+                width,
+                depth,
+                height,
+                ..
+            } => width.min(*depth).min(*height),
             Form::Pool | Form::Mesh(_) => 1.0,
         }
     }
@@ -262,7 +277,11 @@ impl Form {
 
 /// A ball of water, with the volume of the sphere.
 fn drop(radius: f64, edge: f64) -> Mesh {
-    let mesh = revolve(&[(arc(radius, 0.0, 0.0, PI, edge), Part::Free)], edge);
+    let mesh = revolve(
+        &[(arc(radius, 0.0, 0.0, PI, edge), Part::Free)],
+        edge,
+        (0.0, 0.0),
+    );
     let exact = 4.0 / 3.0 * PI * radius.powi(3);
     let factor = (exact / mesh.volume()).cbrt();
     mesh.scaled(factor)
@@ -279,7 +298,8 @@ fn glass(radius: f64, height: f64, wall: f64, level: f64, edge: f64) -> Mesh {
         (radius, height),
         (radius, level),
     ];
-    revolve(&lines(wall, wet, dry, free), edge)
+    let both = (radius, outer);
+    revolve(&lines(wall, wet, dry, free), edge, both)
 }
 
 /// The profile of a vessel of revolution.
@@ -299,7 +319,13 @@ fn lines(
 fn bowl(radius: f64, height: f64, wall: f64, level: f64, edge: f64) -> Mesh {
     let angle = |radius_at: f64, z: f64| ((radius - z) / radius_at).clamp(-1.0, 1.0).acos();
     let wet = arc(radius, radius, 0.0, angle(radius, level), edge);
-    let mut dry = arc(radius + wall, radius, 0.0, angle(radius + wall, height), edge);
+    let mut dry = arc(
+        radius + wall,
+        radius,
+        0.0,
+        angle(radius + wall, height),
+        edge,
+    );
     if level < height {
         let inside = (angle(radius, height), angle(radius, level));
         dry.extend(arc(radius, radius, inside.0, inside.1, edge));
@@ -307,7 +333,7 @@ fn bowl(radius: f64, height: f64, wall: f64, level: f64, edge: f64) -> Mesh {
         dry.extend(wet.last());
     }
     let free = vec![*wet.last().unwrap_or(&(0.0, level)), (0.0, level)];
-    revolve(&lines(wall, wet, dry, free), edge)
+    revolve(&lines(wall, wet, dry, free), edge, (0.0, 0.0))
 }
 
 /// The keys of a file, read with their places.
@@ -320,7 +346,11 @@ impl Fields<'_> {
     fn get(&self, key: &str) -> Result<&Spanned<DeValue<'_>>> {
         match self.table.get(key) {
             Some(value) => Ok(value),
-            None => bail!("{}: no `{key}`; expected one, as in `{}`", self.reader.name, example(key)),
+            None => bail!(
+                "{}: no `{key}`; expected one, as in `{}`",
+                self.reader.name,
+                example(key)
+            ),
         }
     }
 
@@ -332,7 +362,10 @@ impl Fields<'_> {
     fn text(&self, key: &str) -> Result<&str> {
         match self.get(key)?.get_ref() {
             DeValue::String(text) => Ok(text),
-            _ => Err(self.error(key, format!("{key}: expected a text in quotes, as in `{}`", example(key)))),
+            _ => Err(self.error(
+                key,
+                format!("{key}: expected a text in quotes, as in `{}`", example(key)),
+            )),
         }
     }
 
@@ -346,7 +379,10 @@ impl Fields<'_> {
         };
         match number {
             Some(number) if (least..=most).contains(&number) => Ok(number),
-            _ => Err(self.error(key, format!("{key}: expected a number from {least} to {most} (metres)"))),
+            _ => Err(self.error(
+                key,
+                format!("{key}: expected a number from {least} to {most} (metres)"),
+            )),
         }
     }
 
@@ -367,7 +403,10 @@ impl Fields<'_> {
             return Err(self.error("wall", message));
         }
         if wall == 0.0 && self.number("level", LENGTH)? != self.number("height", LENGTH)? {
-            return Err(self.error("wall", "wall = 0: expected `level` to be `height`, for thin walls hold no air"));
+            return Err(self.error(
+                "wall",
+                "wall = 0: expected `level` to be `height`, for thin walls hold no air",
+            ));
         }
         Ok(wall)
     }
@@ -376,7 +415,10 @@ impl Fields<'_> {
         let Some(value) = self.table.get(key) else {
             return Ok(Vec::new());
         };
-        let wanted = format!("{key}: expected names of the mesh's parts, as in `{}`", example(key));
+        let wanted = format!(
+            "{key}: expected names of the mesh's parts, as in `{}`",
+            example(key)
+        );
         let DeValue::Array(names) = value.get_ref() else {
             return Err(self.error(key, wanted));
         };
@@ -405,7 +447,10 @@ impl Fields<'_> {
         ] {
             for name in self.names(key)? {
                 if parts.iter().any(|(known, _)| *known == name) {
-                    return Err(self.error(key, format!("{key}: the part \"{name}\" stands in two lists")));
+                    return Err(self.error(
+                        key,
+                        format!("{key}: the part \"{name}\" stands in two lists"),
+                    ));
                 }
                 parts.push((name, part));
             }
@@ -420,7 +465,8 @@ impl Fields<'_> {
         if self.table.get("edge").is_some() {
             return Err(self.error("edge", "edge: a mesh keeps the edges it has"));
         }
-        mesh_file::open(&path, &parts, scale).with_context(|| format!("{}: `file`", self.reader.name))
+        mesh_file::open(&path, &parts, scale)
+            .with_context(|| format!("{}: `file`", self.reader.name))
     }
 }
 
