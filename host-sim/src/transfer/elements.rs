@@ -10,7 +10,7 @@ use rayon::prelude::*;
 
 use super::mesh::{images, reflect};
 use super::panel::{HATS, kernel};
-use super::point::{Point, dot, norm, scale, sub};
+use super::point::{Point, distance, dot, norm, scale, sub};
 use super::shape::Surface;
 
 use std::f64::consts::PI;
@@ -48,21 +48,32 @@ fn parities(mirrors: [bool; 2]) -> Vec<Parity> {
         .collect()
 }
 
-/// What a field is at a point, and along a direction: of a source, or of the surface's values.
+/// A field at a point, and its slope along a direction.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Value {
     pub pressure: c64,
     pub slope: c64,
 }
 
-/// The field `−e^{−ikR}/(4πR)` of a unit source, S = 1 in (∇² + k²)P = S δ.
-pub fn source(from: Point, at: Point, normal: Point, k: f64) -> Value {
-    let away = sub(from, at);
-    let (single, radial) = kernel(norm(away), k);
-    let unit = -1.0 / (4.0 * PI);
-    Value {
-        pressure: single * unit,
-        slope: radial * (unit * dot(away, normal)),
+/// A point source: (∇² + k²)P = strength·δ.
+#[derive(Clone, Copy, Debug)]
+pub struct Source {
+    pub place: Point,
+    pub strength: f64,
+    /// 1/m.
+    pub k: f64,
+}
+
+impl Source {
+    /// `−strength·e^{−ikR}/(4πR)`.
+    pub fn at(&self, x: Point, normal: Point) -> Value {
+        let away = sub(self.place, x);
+        let (single, radial) = kernel(norm(away), self.k);
+        let unit = -self.strength / (4.0 * PI);
+        Value {
+            pressure: single * unit,
+            slope: radial * (unit * dot(away, normal)),
+        }
     }
 }
 
@@ -377,35 +388,28 @@ impl<'a> Problem<'a> {
 
     /// Solves for a field that comes from elsewhere, and for what is given on the free surface: pressure in water,
     /// normal derivative in air.
-    pub fn solve(
-        &self,
-        incident: Option<&(dyn Fn(Point, Point) -> Value + Sync)>,
-        given: Option<&Nodal>,
-    ) -> Solution<'_, 'a> {
+    pub fn solve(&self, incident: Option<Source>, given: Option<&Nodal>) -> Solution<'_, 'a> {
         let surface = self.surface;
         let images = images(surface.mirrors);
         let share = 1.0 / images.len() as f64;
         let mut right: Nodal = vec![vec![ZERO; surface.nodes.len()]; self.parities.len()];
-        if let Some(incident) = incident {
+        if let Some(source) = incident {
             for (index, (panel, nodes)) in surface.panels.iter().zip(&surface.corners).enumerate() {
-                for (point, hats) in panel.samples.iter().zip(&HATS) {
-                    let seen: Vec<c64> = images
-                        .iter()
-                        .map(|signs| {
-                            let field =
-                                incident(reflect(*point, *signs), reflect(panel.normal, *signs));
-                            match self.side {
-                                Side::Water => field.pressure,
-                                Side::Air(weight) => field.pressure + weight * field.slope,
-                            }
-                        })
-                        .collect();
-                    for (right, parity) in right.iter_mut().zip(&self.parities) {
-                        let parts = seen.iter().zip(&parity.signs);
-                        let value: c64 = parts.map(|(seen, sign)| *seen * *sign).sum();
-                        for (node, hat) in nodes.iter().zip(hats) {
-                            if self.tests(index, *node) {
-                                right[*node] += value * (share * hat * panel.area / 3.0);
+                for (image, signs) in images.iter().enumerate() {
+                    let normal = reflect(panel.normal, *signs);
+                    let apart = distance(reflect(panel.centre, *signs), source.place);
+                    for (point, hats, area) in panel.points(apart) {
+                        let field = source.at(reflect(point, *signs), normal);
+                        let value = match self.side {
+                            Side::Water => field.pressure,
+                            Side::Air(weight) => field.pressure + weight * field.slope,
+                        };
+                        for (right, parity) in right.iter_mut().zip(&self.parities) {
+                            let value = value * (parity.signs[image] * share * area);
+                            for (node, hat) in nodes.iter().zip(&hats) {
+                                if self.tests(index, *node) {
+                                    right[*node] += value * *hat;
+                                }
                             }
                         }
                     }
@@ -473,7 +477,7 @@ impl Solution<'_, '_> {
 
     /// How far the field at the surface is from what the boundary says, at the middles of panels, points that no
     /// equation used: the rms over the surface, relative to that of what drives it.
-    pub fn residual(&self, incident: Option<&(dyn Fn(Point, Point) -> Value + Sync)>) -> f64 {
+    pub fn residual(&self, incident: Option<Source>) -> f64 {
         let problem = self.problem;
         let surface = problem.surface;
         let none = vec![vec![ZERO; surface.nodes.len()]; problem.parities.len()];
@@ -489,9 +493,9 @@ impl Solution<'_, '_> {
                 let own = self.own(index);
                 let (mut off, mut drive) = (0.0, 0.0);
                 for (image, signs) in images(surface.mirrors).into_iter().enumerate() {
-                    let comes = incident.map_or(ZERO, |incident| {
-                        incident(reflect(panel.centre, signs), reflect(panel.normal, signs))
-                            .pressure
+                    let comes = incident.map_or(ZERO, |source| {
+                        let (x, n) = (panel.centre, panel.normal);
+                        source.at(reflect(x, signs), reflect(n, signs)).pressure
                     });
                     let (mut missed, mut driven) = (comes, comes);
                     for (parity, kind) in problem.parities.iter().enumerate() {

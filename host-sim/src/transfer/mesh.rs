@@ -20,22 +20,25 @@ pub enum Part {
 }
 
 impl Part {
+    /// Whether the liquid touches it.
     pub fn bounds_water(self) -> bool {
         self != Part::Dry
     }
 
+    /// Whether the air touches it.
     pub fn bounds_air(self) -> bool {
         self != Part::Wet
     }
 }
 
-/// Triangles with parts. What mirror planes say need not be there: the planes x = 0 and y = 0, each if `true`,
-/// and then only x ≥ 0 or y ≥ 0 is meshed.
+/// Triangles with parts.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Mesh {
+    /// Corners of the triangles, m.
     pub points: Vec<Point>,
     /// Counter-clockwise seen from where the normal points: out of the liquid, or into the air.
     pub triangles: Vec<([usize; 3], Part)>,
+    /// Whether x = 0 and y = 0 are mirror planes; then only x ≥ 0 or y ≥ 0 is meshed.
     pub mirrors: [bool; 2],
 }
 
@@ -53,14 +56,8 @@ impl Mesh {
                 bail!("a triangle at {} has no area", show(a));
             }
         }
-        let sides: [(&str, fn(Part) -> bool); 2] = [
-            ("the liquid's surface", Part::bounds_water),
-            ("the surface towards the air", Part::bounds_air),
-        ];
-        for (what, belongs) in sides {
-            self.check_closed(what, belongs)?;
-        }
-        Ok(())
+        self.check_closed("the liquid's surface", Part::bounds_water)?;
+        self.check_closed("the surface towards the air", Part::bounds_air)
     }
 
     fn check_closed(&self, what: &str, belongs: fn(Part) -> bool) -> Result<()> {
@@ -162,7 +159,7 @@ pub fn show(point: Point) -> String {
 
 /// Collects triangles; points at the same place are one.
 #[derive(Default)]
-pub struct Builder {
+pub(super) struct Builder {
     pub mesh: Mesh,
     known: HashMap<[i64; 3], usize>,
 }

@@ -5,20 +5,22 @@
 //! P/S_b at the ear in 1/m; sound in pascal takes [`DENSITY_RATIO`] besides.
 
 pub mod bench;
-pub mod block;
+mod block;
 pub mod command;
-pub mod elements;
+mod elements;
 pub mod mesh;
-pub mod mesh_file;
+mod mesh_file;
 pub mod multipoles;
-pub mod panel;
-pub mod picture;
-pub mod plane;
-pub mod point;
-pub mod revolve;
+mod panel;
+mod picture;
+mod plane;
+mod point;
+mod revolve;
 pub mod shape;
 pub mod solver;
 pub mod vessel;
+
+pub use point::Point;
 
 /// A medium at rest.
 #[derive(Clone, Copy, Debug)]

@@ -9,7 +9,7 @@ use faer::linalg::solvers::{Qr, SolveLstsq};
 use faer::{Mat, c64};
 use rayon::prelude::*;
 
-use super::elements::source;
+use super::elements::Source;
 use super::point::{Point, add, dot, norm, scale, sub};
 use super::shape::{Closed, Sample, Shape};
 use super::solver::{Residual, Transfer, wavenumbers};
@@ -95,9 +95,9 @@ impl Multipoles {
     /// # Errors
     /// None; it fits the adjoint's form.
     pub fn direct(&self, bubble: Point, ear: Point) -> Result<Transfer> {
-        let (kw, _) = self.wavenumbers;
+        let comes = source(bubble, self.wavenumbers.0);
         let (inside, water) = self.water.solve(|sample| {
-            let comes = source(bubble, sample.point, sample.normal, kw);
+            let comes = comes.at(sample.point, sample.normal);
             if sample.free {
                 -comes.pressure
             } else {
@@ -106,7 +106,7 @@ impl Multipoles {
         });
         let (outside, air) = self.air.solve(|sample| {
             if sample.free {
-                source(bubble, sample.point, sample.normal, kw).slope
+                comes.at(sample.point, sample.normal).slope
                     + self.water.value(&inside, sample.point, Some(sample.normal))
             } else {
                 c64::new(0.0, 0.0)
@@ -123,14 +123,14 @@ impl Multipoles {
     /// # Errors
     /// None; it fits the direct one's form.
     pub fn adjoint(&self, bubble: Point, ear: Point) -> Result<Transfer> {
-        let (_, ka) = self.wavenumbers;
+        let comes = source(ear, self.wavenumbers.1);
         let (outside, air) = self
             .air
-            .solve(|sample| source(ear, sample.point, sample.normal, ka).slope);
+            .solve(|sample| comes.at(sample.point, sample.normal).slope);
         let (inside, water) = self.water.solve(|sample| {
             if sample.free {
                 self.air.value(&outside, sample.point, None)
-                    - source(ear, sample.point, sample.normal, ka).pressure
+                    - comes.at(sample.point, sample.normal).pressure
             } else {
                 c64::new(0.0, 0.0)
             }
@@ -139,6 +139,14 @@ impl Multipoles {
             ratio: -self.water.value(&inside, bubble, None),
             residual: Residual { water, air },
         })
+    }
+}
+
+fn source(place: Point, k: f64) -> Source {
+    Source {
+        place,
+        strength: 1.0,
+        k,
     }
 }
 

@@ -96,6 +96,30 @@ impl Panel {
         sum
     }
 
+    /// Points, hat functions and areas that integrate what a source `apart` from the middle brings: finer where the
+    /// source is near.
+    pub fn points(&self, apart: f64) -> Vec<(Point, [f64; 3], f64)> {
+        let unit = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
+        let mut parts = vec![unit];
+        let mut size = self.size;
+        for _ in 0..4 {
+            if apart > NEAR * size {
+                break;
+            }
+            size *= 0.5;
+            parts = parts.into_iter().flat_map(quarters).collect();
+        }
+        let area = self.area / (3 * parts.len()) as f64;
+        let weigh = |hats: &[f64; 3], corners: &[Point; 3]| -> Point {
+            std::array::from_fn(|axis| (0..3).map(|i| hats[i] * corners[i][axis]).sum())
+        };
+        parts
+            .iter()
+            .flat_map(|part| HATS.map(|hats| weigh(&hats, part)))
+            .map(|hats| (weigh(&hats, &self.corners), hats, area))
+            .collect()
+    }
+
     /// The solid angle under which `x` sees the panel, positive from behind.
     pub fn solid_angle(&self, x: Point) -> f64 {
         let [a, b, c] = self.corners.map(|corner| sub(corner, x));
@@ -152,6 +176,13 @@ impl Panel {
     }
 }
 
+/// A triangle cut into four.
+fn quarters([a, b, c]: [Point; 3]) -> [[Point; 3]; 4] {
+    let middle = |p: Point, q: Point| scale(add(p, q), 0.5);
+    let (ab, bc, ca) = (middle(a, b), middle(b, c), middle(c, a));
+    [[a, ab, ca], [ab, b, bc], [ca, bc, c], [ab, bc, ca]]
+}
+
 /// 4πG and the factor of `x − y` in 4π∇_y G, at distance R.
 pub fn kernel(r: f64, k: f64) -> (c64, c64) {
     let (sin, cos) = (k * r).sin_cos();
@@ -181,15 +212,9 @@ mod tests {
 
     /// Against the three-point rule on a panel cut into 4^n pieces.
     fn by_parts(corners: [Point; 3], hats: [[f64; 3]; 3], x: Point, k: f64, n: usize) -> Integrals {
-        let middle = |a: Point, b: Point| scale(add(a, b), 0.5);
         let mut sum = Integrals::default();
         if n > 0 {
-            let cut = |t: [Point; 3]| {
-                let [a, b, c] = t;
-                let (ab, bc, ca) = (middle(a, b), middle(b, c), middle(c, a));
-                [[a, ab, ca], [ab, b, bc], [ca, bc, c], [ab, bc, ca]]
-            };
-            for (corners, hats) in cut(corners).into_iter().zip(cut(hats)) {
+            for (corners, hats) in quarters(corners).into_iter().zip(quarters(hats)) {
                 let part = by_parts(corners, hats, x, k, n - 1);
                 for j in 0..3 {
                     sum.single[j] += part.single[j];
@@ -202,11 +227,11 @@ mod tests {
         for (y, at) in panel.samples.iter().zip(&HATS) {
             let (single, radial) = kernel(distance(*y, x), k);
             let height = dot(panel.normal, sub(x, *y));
-            for j in 0..3 {
-                let hat: f64 = (0..3).map(|corner| at[corner] * hats[corner][j]).sum();
+            for (j, (to, double)) in sum.single.iter_mut().zip(&mut sum.double).enumerate() {
+                let hat: f64 = at.iter().zip(&hats).map(|(at, hats)| at * hats[j]).sum();
                 let weight = hat * panel.area / (12.0 * PI);
-                sum.single[j] += single * weight;
-                sum.double[j] += radial * (height * weight);
+                *to += single * weight;
+                *double += radial * (height * weight);
             }
         }
         sum

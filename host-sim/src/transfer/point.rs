@@ -34,8 +34,3 @@ pub fn norm(a: Point) -> f64 {
 pub fn distance(a: Point, b: Point) -> f64 {
     norm(sub(a, b))
 }
-
-/// At `t` of the way from `a` to `b`.
-pub fn mix(a: Point, b: Point, t: f64) -> Point {
-    add(scale(a, 1.0 - t), scale(b, t))
-}

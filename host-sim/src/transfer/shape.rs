@@ -26,32 +26,36 @@ pub struct Closed {
     pub water: Surface,
     /// What the air touches: the free surface and the dry sides of the walls.
     pub air: Surface,
+    /// What both were made from.
     pub mesh: Mesh,
 }
 
 /// Panels, oriented: the normal points out of the liquid, or into the air.
 #[derive(Clone, Debug)]
 pub struct Surface {
-    pub panels: Vec<Panel>,
+    pub(super) panels: Vec<Panel>,
     /// The nodes of each panel.
-    pub corners: Vec<[usize; 3]>,
+    pub(super) corners: Vec<[usize; 3]>,
     /// Which panels are free surface.
-    pub free: Vec<bool>,
-    pub nodes: Vec<Point>,
+    pub(super) free: Vec<bool>,
+    pub(super) nodes: Vec<Point>,
     /// Of each node on the free surface, its number among those; the same for water and air.
-    pub free_node: Vec<Option<usize>>,
+    pub(super) free_node: Vec<Option<usize>>,
     /// Nodes on the free surface.
-    pub free_nodes: usize,
-    pub mirrors: [bool; 2],
+    pub(super) free_nodes: usize,
+    pub(super) mirrors: [bool; 2],
 }
 
 /// A point on a surface that stands for some of it.
 #[derive(Clone, Copy, Debug)]
 pub struct Sample {
+    /// m.
     pub point: Point,
+    /// Out of the liquid, or into the air.
     pub normal: Point,
     /// m².
     pub area: f64,
+    /// On the free surface; else on something rigid.
     pub free: bool,
 }
 
@@ -244,6 +248,11 @@ impl Surface {
             }
         }
         samples
+    }
+
+    /// Of one parity's equations.
+    pub(super) fn unknowns(&self) -> usize {
+        self.nodes.len()
     }
 
     /// Panels and nodes, the reflections included.

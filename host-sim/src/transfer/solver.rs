@@ -7,11 +7,12 @@
 
 use std::f64::consts::PI;
 
-use anyhow::Result;
+use anyhow::{Result, bail};
 use faer::c64;
 use rayon::prelude::*;
 
-use super::elements::{Nodal, Problem, Value, source};
+use super::elements::{Nodal, Problem, Solution, Source};
+use super::mesh::show;
 use super::plane;
 use super::point::Point;
 use super::shape::Shape;
@@ -26,10 +27,12 @@ pub struct Transfer {
     pub residual: Residual,
 }
 
-/// Of the boundary conditions, relative.
+/// How far the boundary conditions are missed, rms over the surface, relative to what drives the field.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Residual {
+    /// Of the liquid's problem.
     pub water: f64,
+    /// Of the air's problem.
     pub air: f64,
 }
 
@@ -39,6 +42,9 @@ pub struct Solver<'a> {
     frequency: f64,
     problems: Option<(Problem<'a>, Problem<'a>)>,
 }
+
+/// A dense matrix of so many rows takes 0.6 GB.
+const MOST_UNKNOWNS: usize = 6_000;
 
 /// Wavenumbers in water and in air, 1/m.
 pub fn wavenumbers(frequency: f64) -> (f64, f64) {
@@ -50,10 +56,18 @@ impl<'a> Solver<'a> {
     /// Factors the water's and the air's problem at `frequency` in Hz.
     ///
     /// # Errors
-    /// A frequency that the mesh does not resolve.
+    /// A frequency that the mesh does not resolve, or a mesh too fine to solve.
     pub fn new(shape: &'a Shape, frequency: f64) -> Result<Self> {
         shape.check_frequency(frequency)?;
         let (kw, ka) = wavenumbers(frequency);
+        if let Shape::Closed(closed) = shape {
+            let nodes = closed.water.unknowns().max(closed.air.unknowns());
+            if nodes > MOST_UNKNOWNS {
+                bail!(
+                    "{nodes} unknowns: boundary elements take {MOST_UNKNOWNS} at most here; make `edge` longer, or the mesh coarser"
+                );
+            }
+        }
         let problems = match shape {
             Shape::Pool => None,
             Shape::Closed(closed) => Some((
@@ -81,16 +95,7 @@ impl<'a> Solver<'a> {
                 solved: None,
             });
         };
-        let (_, ka) = wavenumbers(self.frequency);
-        // −S: what ∇²g + k²g = −δ asks for.
-        let incident = move |at: Point, normal: Point| {
-            let value = source(ear, at, normal, ka);
-            Value {
-                pressure: -value.pressure,
-                slope: -value.slope,
-            }
-        };
-        let scattered = air.solve(Some(&incident), None);
+        let scattered = air.solve(Some(self.at_ear(ear)), None);
         let heard = scattered.at_free();
         let inside = water.solve(None, Some(&heard));
         Ok(Field {
@@ -113,9 +118,7 @@ impl<'a> Solver<'a> {
                 solved: None,
             });
         };
-        let (kw, _) = wavenumbers(self.frequency);
-        let incident = move |at: Point, normal: Point| source(bubble, at, normal, kw);
-        let inside = water.solve(Some(&incident), None);
+        let inside = water.solve(Some(self.at_bubble(bubble)), None);
         let flow: Nodal = inside.at_free();
         let outside = air.solve(None, Some(&flow));
         Ok(Sound {
@@ -124,12 +127,40 @@ impl<'a> Solver<'a> {
             solved: Some((inside, outside)),
         })
     }
+
+    /// A unit source (∇²P + k²P = −δ) in the air.
+    fn at_ear(&self, place: Point) -> Source {
+        Source {
+            place,
+            strength: -1.0,
+            k: wavenumbers(self.frequency).1,
+        }
+    }
+
+    /// S_b = 1.
+    fn at_bubble(&self, place: Point) -> Source {
+        Source {
+            place,
+            strength: 1.0,
+            k: wavenumbers(self.frequency).0,
+        }
+    }
 }
 
-type Pair<'s, 'a> = (
-    super::elements::Solution<'s, 'a>,
-    super::elements::Solution<'s, 'a>,
-);
+fn over_plane(bubble: Point, ear: Point, frequency: f64) -> Result<c64> {
+    let (ratio, off) = plane::transfer(bubble, ear, frequency);
+    if off > 0.03 {
+        bail!(
+            "bubble at {}, ear at {}: too many waves between them over the pool's surface to sum; expected them nearer",
+            show(bubble),
+            show(ear)
+        );
+    }
+    Ok(ratio)
+}
+
+/// In the water and in the air.
+type Pair<'s, 'a> = (Solution<'s, 'a>, Solution<'s, 'a>);
 
 /// What one ear hears of bubbles anywhere.
 pub struct Field<'s, 'a> {
@@ -150,7 +181,7 @@ impl Field<'_, '_> {
     fn one(&self, bubble: Point) -> Result<c64> {
         self.solver.shape.check_bubble(bubble)?;
         Ok(match &self.solved {
-            None => plane::transfer(bubble, self.ear, self.solver.frequency).0,
+            None => over_plane(bubble, self.ear, self.solver.frequency)?,
             Some((inside, _)) => -inside.radiated(bubble),
         })
     }
@@ -161,8 +192,7 @@ impl Field<'_, '_> {
     /// A place that is not in the air.
     pub fn in_air(&self, at: Point) -> Result<c64> {
         self.solver.shape.check_ear(at)?;
-        let (_, ka) = wavenumbers(self.solver.frequency);
-        let comes = |from: Point| -source(from, at, [0.0; 3], ka).pressure;
+        let comes = |from: Point| self.solver.at_ear(from).at(at, [0.0; 3]).pressure;
         Ok(match &self.solved {
             None => {
                 let [x, y, z] = self.ear;
@@ -182,20 +212,10 @@ impl Field<'_, '_> {
                     air: off,
                 }
             }
-            Some((inside, scattered)) => {
-                let (_, ka) = wavenumbers(self.solver.frequency);
-                let incident = |at: Point, normal: Point| {
-                    let value = source(self.ear, at, normal, ka);
-                    Value {
-                        pressure: -value.pressure,
-                        slope: -value.slope,
-                    }
-                };
-                Residual {
-                    water: inside.residual(None),
-                    air: scattered.residual(Some(&incident)),
-                }
-            }
+            Some((inside, scattered)) => Residual {
+                water: inside.residual(None),
+                air: scattered.residual(Some(self.solver.at_ear(self.ear))),
+            },
         }
     }
 }
@@ -217,7 +237,7 @@ impl Sound<'_, '_> {
             .map(|ear| {
                 self.solver.shape.check_ear(*ear)?;
                 Ok(match &self.solved {
-                    None => plane::transfer(self.bubble, *ear, self.solver.frequency).0,
+                    None => over_plane(self.bubble, *ear, self.solver.frequency)?,
                     Some((_, outside)) => outside.radiated(*ear),
                 })
             })
@@ -234,14 +254,10 @@ impl Sound<'_, '_> {
                     air: off,
                 }
             }
-            Some((inside, outside)) => {
-                let (kw, _) = wavenumbers(self.solver.frequency);
-                let incident = |at: Point, normal: Point| source(self.bubble, at, normal, kw);
-                Residual {
-                    water: inside.residual(Some(&incident)),
-                    air: outside.residual(None),
-                }
-            }
+            Some((inside, outside)) => Residual {
+                water: inside.residual(Some(self.solver.at_bubble(self.bubble))),
+                air: outside.residual(None),
+            },
         }
     }
 }

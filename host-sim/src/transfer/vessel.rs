@@ -36,7 +36,7 @@ const EQUILATERAL: f64 = 0.433;
 
 /// A liquid at rest and what holds it.
 #[derive(Clone, Debug, PartialEq)]
-pub enum Form {
+pub(super) enum Form {
     /// A ball of water around the origin.
     Drop { radius: f64 },
     /// An upright cylinder with a bottom as thick as its wall; the inner bottom's middle is the origin.
@@ -70,8 +70,9 @@ pub enum Form {
 /// A vessel file, read.
 #[derive(Clone, Debug)]
 pub struct Vessel {
+    /// The name for people.
     pub title: String,
-    pub form: Form,
+    pub(super) form: Form,
     /// Wanted edge of the triangles, m.
     pub edge: Option<f64>,
 }
@@ -216,6 +217,47 @@ impl Vessel {
             );
         }
         Ok(Some(self.form.mesh(edge)))
+    }
+
+    /// The same vessel filled to another level, in metres above its lowest point inside.
+    ///
+    /// # Errors
+    /// A shape that has no level; a level that is not above 0 and at most the vessel's height.
+    pub fn filled_to(&self, to: f64) -> Result<Self> {
+        let mut filled = self.clone();
+        match &mut filled.form {
+            Form::Glass {
+                level,
+                height,
+                wall,
+                ..
+            }
+            | Form::Bowl {
+                level,
+                height,
+                wall,
+                ..
+            }
+            | Form::Box {
+                level,
+                height,
+                wall,
+                ..
+            } => {
+                let least = if *wall > 0.0 { LENGTH.0 } else { *height };
+                if !(least..=*height).contains(&to) {
+                    bail!("level {to}: expected from {least} to {height} (metres)");
+                }
+                *level = to;
+                Ok(filled)
+            }
+            Form::Drop { .. } | Form::Pool | Form::Mesh(_) => {
+                bail!(
+                    "{}: it has no level; expected a glass, a bowl or a box",
+                    self.title
+                )
+            }
+        }
     }
 
     /// The shape that solvers take.
