@@ -133,6 +133,7 @@ fn draw_decades(path: &Path, title: &str, axes: [&str; 2], curves: &[Curve]) -> 
         .light_line_style(FAINT.mix(0.5))
         .bold_line_style(FAINT)
         .y_label_formatter(&|y| format!("{y:.0e}"))
+        .x_labels(6)
         .x_label_formatter(&|x| format!("{x:.0}"))
         .draw()?;
     let colours = [
