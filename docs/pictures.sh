@@ -1,5 +1,5 @@
 #!/bin/sh
-# Draws the pictures of docs/scenes.md anew. With pngquant on the path they become a third of the size.
+# Draws the pictures of docs/scenes.md and the glass of docs/transfer.md anew. With pngquant on the path they become a third of the size.
 set -eu
 cd "$(dirname "$0")/.."
 sound=$(mktemp)
@@ -15,3 +15,7 @@ for scene in scenes/*.toml; do
         pngquant --force --ext .png 48 "docs/pictures/$name.png"
     fi
 done
+cargo freshet vessel vessels/glass.toml --plot docs/pictures/vessel-glass.png >/dev/null
+if command -v pngquant >/dev/null; then
+    pngquant --force --ext .png 48 docs/pictures/vessel-glass.png
+fi
