@@ -6,13 +6,14 @@
 use heapless::{Deque, Vec};
 
 use crate::bubble::ENTRAINMENT;
+use crate::cloud::{self, Keep};
 use crate::drops::{self, Drops};
 use crate::fixed::to_fixed;
 use crate::frame::{BLOCK, TICK};
 use crate::mix;
 use crate::param::{self, COUNT, TABLE};
 use crate::population::{Drive, Radii, Slice, Tuner};
-use crate::profile::Limits;
+use crate::profile::{Limits, Most, limits};
 use crate::scene::{CURVES, IntensityCurve, Scene};
 use crate::swell::{self, Swell};
 use crate::update::Update;
@@ -105,6 +106,8 @@ pub struct Control {
     /// How high the water stands, from 0 to 1, and ticks until that is looked at again.
     height: f32,
     settled: u32,
+    /// Part of the births that the swell leaves.
+    flow: f32,
     drops: Drops,
     tuner: Tuner,
     /// What the water is driven by, and a number for it that differs from the one before.
@@ -135,15 +138,13 @@ impl Control {
     /// As it is before it starts. All of it is zero, so that a board need not keep it in flash.
     pub const OFF: Self = Self {
         sample_rate: 0.0,
-        limits: Limits {
-            rate: 0.0,
-            classes: 0,
-        },
+        limits: limits([0.0; 2], [0; 2]),
         ramps: [Ramp::at(0.0); COUNT],
         curves: Vec::new(),
         swell: Swell::OFF,
         height: 0.0,
         settled: 0,
+        flow: 0.0,
         drops: Drops::OFF,
         tuner: Tuner::OFF,
         drive: Drive::NONE,
@@ -337,6 +338,27 @@ impl Control {
         self.drops.tick(&drops, &mut update.strikes);
     }
 
+    /// The same tick for the cloud, whose size is a profile's; after [`Control::tick`].
+    pub fn tick_cloud(&self, keeper: &mut impl Keep, update: &mut Update) {
+        let [a, b] = [param::CLOUD_RADIUS_MIN, param::CLOUD_RADIUS_MAX].map(|i| self.at(i) * 1e-3);
+        let settings = cloud::Settings {
+            bubbles: self.at(param::CLOUD_BUBBLES) as usize,
+            rate: self.at(param::CLOUD_RATE) * self.flow,
+            split: self.at(param::CLOUD_SPLIT),
+            pushes: self.at(param::CLOUD_PUSHES) * self.flow,
+            radius_min: a.min(b),
+            radius_max: a.max(b),
+            gamma: self.at(param::CLOUD_GAMMA),
+            spacing: self.at(param::CLOUD_SPACING),
+            depth: self.at(param::CLOUD_DEPTH) * 1e-3,
+            coupling: self.at(param::CLOUD_COUPLING),
+            pressure: self.at(param::CLOUD_PRESSURE),
+            drift: self.at(param::CLOUD_DRIFT),
+            width: self.at(param::WIDTH),
+        };
+        keeper.tick(&settings, &mut update.cloud);
+    }
+
     /// The mix's settings, for an audio path that begins now.
     pub fn mix(&self) -> mix::Settings {
         mix_settings(self.mixed)
@@ -351,12 +373,21 @@ impl Control {
         self.ramps[index].now
     }
 
+    /// What the board has time for now.
+    fn most(&self) -> Most {
+        if self.at(param::CLOUD_RATE) > 0.0 {
+            self.limits.beside_cloud
+        } else {
+            self.limits.alone
+        }
+    }
+
     fn radii(&self) -> Radii {
         let [a, b] = [self.at(param::RADIUS_MIN), self.at(param::RADIUS_MAX)];
         Radii {
             min: a.min(b),
             max: a.max(b),
-            classes: (self.at(param::CLASSES) as usize).min(self.limits.classes),
+            classes: (self.at(param::CLASSES) as usize).min(self.most().classes),
         }
     }
 
@@ -378,6 +409,7 @@ impl Control {
             0.0 => 0.0,
             depth => depth * (1.0 - self.height),
         };
+        self.flow = (1.0 - ebb) * (1.0 - ebb);
         let law = self.at(param::LAW) as usize;
         let gamma = if law == 1 { self.at(param::GAMMA) } else { 0.0 };
         let weight = |k| match law {
@@ -387,7 +419,7 @@ impl Control {
         let entrained = self.at(param::EXCITATION) == 1.0;
         let impact = |value: f32, other: f32| if entrained { other } else { value };
         Drive {
-            rate: self.at(param::RATE).min(self.limits.rate) * (1.0 - ebb) * (1.0 - ebb),
+            rate: self.at(param::RATE).min(self.most().rate) * self.flow,
             gamma: gamma + ebb * self.at(param::SWELL_FIZZ),
             weight: core::array::from_fn(weight),
             alpha: impact(self.at(param::ALPHA), 0.0),

@@ -3,6 +3,7 @@
 //! Twice the same, sample for sample: in plain Rust, and in assembly where the processor has the multiplications of a
 //! Cortex-M4 (`build.rs` says so).
 
+pub mod cloud;
 #[cfg(dsp)]
 mod cortex_m;
 #[cfg(not(dsp))]

@@ -11,6 +11,7 @@
 
 pub mod bank;
 pub mod bubble;
+pub mod cloud;
 pub mod control;
 pub mod drops;
 pub mod fixed;

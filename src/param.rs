@@ -303,4 +303,29 @@ params! {
         "tilt around 1 kHz: above 0 brighter, below 0 darker";
     LIMITER: 504 "mix.limiter" [""] 0.0..1.0 = 1.0, Linear, 0.0 s, Choice(SWITCH),
         "holds peaks below full scale; off: clips them";
+
+    CLOUD_RATE: 601 "cloud.rate" ["1/s"] 0.0..100.0 = 0.0, Log(0.1), 0.2 s, Real,
+        "births a second among bubbles that hear each other";
+    CLOUD_BUBBLES: 602 "cloud.bubbles" [""] 0.0..256.0 = 64.0, Linear, 0.0 s, Whole,
+        "how many there are at most; then each birth is the oldest one's end (F411: 64, F407: 128)";
+    CLOUD_RADIUS_MIN: 603 "cloud.radius_min" ["mm"] 0.5..12.0 = 1.0, Log(0.5), 0.2 s, Real,
+        "radius of the smallest of them";
+    CLOUD_RADIUS_MAX: 604 "cloud.radius_max" ["mm"] 0.5..12.0 = 5.0, Log(0.5), 0.2 s, Real,
+        "radius of the largest of them";
+    CLOUD_GAMMA: 605 "cloud.gamma" [""] 0.0..10.0 = 1.5, Linear, 0.2 s, Real,
+        "radii are as frequent as r^-gamma";
+    CLOUD_SPACING: 606 "cloud.spacing" [""] 2.0..100.0 = 4.0, Log(2.0), 0.2 s, Real,
+        "from one to the next, in radii: the closer, the lower they sound together";
+    CLOUD_COUPLING: 607 "cloud.coupling" [""] 0.0..1.0 = 1.0, Linear, 0.2 s, Real,
+        "how much they hear of each other; 0: nothing";
+    CLOUD_DEPTH: 608 "cloud.depth" ["mm"] 5.0..1000.0 = 50.0, Log(5.0), 0.2 s, Real,
+        "how far the middle is below the surface, which cancels what it reflects";
+    CLOUD_PRESSURE: 609 "cloud.pressure" ["Pa"] 0.0..2.0 = 0.1, Log(0.0001), 0.2 s, Real,
+        "pressure at 1 m of the loudest newborn if it were alone";
+    CLOUD_DRIFT: 610 "cloud.drift" ["m/s"] 0.0..1.0 = 0.05, Log(0.001), 0.2 s, Real,
+        "how fast they change places";
+    CLOUD_SPLIT: 611 "cloud.split" [""] 0.0..1.0 = 0.2, Linear, 0.2 s, Real,
+        "part of the births that are one of them breaking in two";
+    CLOUD_PUSHES: 612 "cloud.pushes" ["1/s"] 0.0..1000.0 = 0.0, Log(0.1), 0.2 s, Real,
+        "how often the water pushes one that is there";
 }

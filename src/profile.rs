@@ -1,16 +1,26 @@
 //! What a board can hold: a set of compile-time capacities.
 
+use crate::cloud::{Hold, Keep, Keeper, Store};
 use crate::population::Crowd;
 use crate::update::Update;
 use crate::voices::Voice;
 
-/// What a board takes of the parameters, however far they are turned.
+/// What a board takes of the population's parameters, however far they are turned.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Most {
+    /// Births a second.
+    pub rate: f32,
+    /// Radius classes; more are as many over the same radii.
+    pub classes: usize,
+}
+
+/// What a board has time for.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Limits {
-    /// Most births a second.
-    pub rate: f32,
-    /// Most radius classes; more are as many over the same radii.
-    pub classes: usize,
+    /// Without a cloud.
+    pub alone: Most,
+    /// Beside a cloud.
+    pub beside_cloud: Most,
 }
 
 /// A board's capacities. The same profile, seed, scene and events give the same samples on every machine.
@@ -34,11 +44,33 @@ pub trait Profile: Clone + Send + core::fmt::Debug {
     type Update: AsRef<Update> + AsMut<Update> + Clone + Send + core::fmt::Debug;
     /// An empty one.
     fn update() -> Self::Update;
+    /// Where the cloud lives.
+    type Cloud: Hold + Clone + Send + core::fmt::Debug;
+    /// At rest.
+    const CLOUD: Self::Cloud;
+    /// Where its control path lives.
+    type Keeper: Keep + Clone + Send + core::fmt::Debug;
+    /// Before it starts, with nobody in it.
+    const KEEPER: Self::Keeper;
+}
+
+/// Births a second and classes, without a cloud and beside one.
+pub const fn limits([alone, beside]: [f32; 2], classes: [usize; 2]) -> Limits {
+    Limits {
+        alone: Most {
+            rate: alone,
+            classes: classes[0],
+        },
+        beside_cloud: Most {
+            rate: beside,
+            classes: classes[1],
+        },
+    }
 }
 
 macro_rules! board {
-    ($(#[$doc:meta])* $type:ident, $name:literal, $voices:literal, $rate:literal, $classes:literal,
-     $births:literal, $crowds:literal) => {
+    ($(#[$doc:meta])* $type:ident, $name:literal, $voices:literal, $limits:expr, $births:literal, $crowds:literal,
+     $clusters:literal) => {
         $(#[$doc])*
         #[derive(Clone, Copy, Debug)]
         pub struct $type;
@@ -46,10 +78,7 @@ macro_rules! board {
         impl Profile for $type {
             const NAME: &'static str = $name;
             const VOICES: usize = $voices;
-            const LIMITS: Limits = Limits {
-                rate: $rate,
-                classes: $classes,
-            };
+            const LIMITS: Limits = $limits;
             const BIRTHS_PER_BLOCK: u32 = $births;
             type Voices = [Voice; $voices];
             const IDLE: Self::Voices = [Voice::IDLE; $voices];
@@ -57,19 +86,24 @@ macro_rules! board {
             fn update() -> Self::Update {
                 Update::new()
             }
+            // One cluster more for what rings out; a row of the core for each cluster and ear, by groups of eight.
+            type Cloud = Store<{ $clusters + 1 }, { $clusters + 3 }, { $clusters / 8 * ($clusters + 2) }>;
+            const CLOUD: Self::Cloud = Store::REST;
+            type Keeper = Keeper<$clusters>;
+            const KEEPER: Self::Keeper = Keeper::OFF;
         }
     };
 }
 
 board!(
     /// STM32F411, 100 MHz.
-    F411, "f411", 12, 80_000.0, 22, 130, 2
+    F411, "f411", 12, limits([80e3, 15e3], [22, 8]), 130, 2, 8
 );
 board!(
     /// STM32F407, 168 MHz.
-    F407, "f407", 48, 200_000.0, 64, 280, 4
+    F407, "f407", 48, limits([200e3, 70e3], [64, 28]), 280, 4, 16
 );
 board!(
     /// STM32H743, 480 MHz.
-    H743, "h743", 256, 500_000.0, 64, 600, 10
+    H743, "h743", 256, limits([500e3; 2], [64; 2]), 600, 10, 32
 );

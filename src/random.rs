@@ -13,6 +13,8 @@ pub enum Stream {
     Swell,
     /// Falling drops.
     Drops,
+    /// Bubbles of the cloud.
+    Cloud,
 }
 
 /// The generator; period 2^64 − 1.

@@ -1,5 +1,6 @@
 //! The instrument: [`Synth`] is the audio path, [`Instrument`] is the audio path with its control path.
 
+use crate::cloud::{Cloud, Keep, Work};
 use crate::control::Control;
 use crate::frame::{BLOCK, BLOCKS_PER_TICK, Block, Frame, TICK};
 use crate::kernel::voice::Ears;
@@ -17,6 +18,7 @@ use crate::voices::{Start, Strike, Voices};
 pub struct Synth<P: Profile> {
     population: Population,
     voices: Voices<P::Voices>,
+    cloud: Cloud<P::Cloud>,
     mix: Mix,
     stats: Stats,
     frame: u64,
@@ -31,6 +33,7 @@ impl<P: Profile> Synth<P> {
     pub const OFF: Self = Self {
         population: Population::SILENT,
         voices: Voices::new(P::IDLE),
+        cloud: Cloud::new(P::CLOUD),
         mix: Mix::OFF,
         stats: Stats::NONE,
         frame: 0,
@@ -52,6 +55,7 @@ impl<P: Profile> Synth<P> {
         for slice in control.slices() {
             self.population.tune(&slice);
         }
+        self.cloud.start(sample_rate);
         self.voices.restart(P::make_room);
         self.mix = Mix::new(output, seed, &control.mix(), sample_rate);
     }
@@ -66,6 +70,7 @@ impl<P: Profile> Synth<P> {
             self.water = update.version;
             self.population.apply(&update.water);
         }
+        self.cloud.apply(&update.cloud);
         if let Some(mix) = &update.mix {
             self.mix.apply(mix);
         }
@@ -135,7 +140,8 @@ impl<P: Profile> Synth<P> {
             voices.render(&mut ears);
             ears.add_to(block);
         }
-        self.mix.render(block, stats);
+        self.cloud.render(block);
+        self.mix.render(block, &mut self.stats);
         self.frame = self.frame.wrapping_add(BLOCK as u64);
     }
 
@@ -154,9 +160,14 @@ impl<P: Profile> Synth<P> {
         self.population.ringing()
     }
 
+    /// What the cloud has done.
+    pub fn cloud(&self) -> Work {
+        self.cloud.work()
+    }
+
     /// Whether no bubble rings.
     pub fn is_silent(&self) -> bool {
-        self.voices() == 0 && self.population.is_silent()
+        self.voices() == 0 && self.population.is_silent() && self.cloud.is_silent()
     }
 
     /// Frames rendered.
@@ -177,6 +188,7 @@ pub struct Instrument<P: Profile> {
     /// Parameters.
     pub control: Control,
     synth: Synth<P>,
+    keeper: P::Keeper,
     /// One of them is in force, the other is what comes next.
     updates: [P::Update; 2],
     live: usize,
@@ -192,10 +204,14 @@ impl<P: Profile> Instrument<P> {
     pub fn new(scene: &Scene, sample_rate: u32, seed: u64, output: Output) -> Self {
         let mut control = Control::new(scene, sample_rate, P::LIMITS, seed);
         let mut updates = [P::update(), P::update()];
+        let mut keeper = P::KEEPER;
+        keeper.start(seed, sample_rate);
         control.tick(updates[1].as_mut());
+        control.tick_cloud(&mut keeper, updates[1].as_mut());
         Self {
             synth: Synth::new(seed, output, &control, sample_rate),
             control,
+            keeper,
             updates,
             live: 0,
             blocks: 0,
@@ -228,7 +244,9 @@ impl<P: Profile> Instrument<P> {
             self.live ^= 1;
             self.synth.apply(self.updates[self.live].as_ref());
             // A board computes this while the tick sounds; here it is there at once, and waits.
-            self.control.tick(self.updates[self.live ^ 1].as_mut());
+            let next = self.updates[self.live ^ 1].as_mut();
+            self.control.tick(next);
+            self.control.tick_cloud(&mut self.keeper, next);
         }
         self.blocks = (self.blocks + 1) % BLOCKS_PER_TICK;
         let update = self.updates[self.live].as_ref();

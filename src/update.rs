@@ -5,6 +5,7 @@
 
 use heapless::Vec;
 
+use crate::cloud::Message;
 use crate::drops::STRIKES;
 use crate::mix;
 use crate::population::{self, Crowd, Slice};
@@ -20,6 +21,8 @@ pub struct Update<C: ?Sized = [Crowd]> {
     pub(crate) mix: Option<mix::Settings>,
     /// Single bubbles, none of which is due before the next tick.
     pub(crate) strikes: Vec<Strike, STRIKES>,
+    /// What the cloud is to take.
+    pub(crate) cloud: Message,
     /// Which [`Drive`](population::Drive) `water` is made of; 0: none yet.
     pub(crate) version: u32,
     /// The population's settings, which hold for as long as this update does.
@@ -33,6 +36,7 @@ impl<const N: usize> Update<[Crowd; N]> {
             slice: None,
             mix: None,
             strikes: Vec::new(),
+            cloud: Message::NONE,
             version: 0,
             water: population::Settings::new(),
         }

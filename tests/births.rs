@@ -12,7 +12,7 @@ use freshet::mix::Output;
 use freshet::observer::{Birth, Crowd, Observer};
 use freshet::param;
 use freshet::population;
-use freshet::profile::{Limits, Profile};
+use freshet::profile::{F411, Limits, Profile, limits};
 use freshet::scene::Scene;
 use freshet::stats::Stats;
 use freshet::voices::Voice;
@@ -844,10 +844,7 @@ struct Small;
 impl Profile for Small {
     const NAME: &'static str = "small";
     const VOICES: usize = 32;
-    const LIMITS: Limits = Limits {
-        rate: 30_000.0,
-        classes: 64,
-    };
+    const LIMITS: Limits = limits([3e4; 2], [64; 2]);
     const BIRTHS_PER_BLOCK: u32 = 25;
     type Voices = [Voice; 32];
     const IDLE: Self::Voices = [Voice::IDLE; 32];
@@ -855,6 +852,10 @@ impl Profile for Small {
     fn update() -> Self::Update {
         Update::new()
     }
+    type Cloud = <F411 as Profile>::Cloud;
+    const CLOUD: Self::Cloud = F411::CLOUD;
+    type Keeper = <F411 as Profile>::Keeper;
+    const KEEPER: Self::Keeper = F411::KEEPER;
 }
 
 #[test]
@@ -899,7 +900,7 @@ fn a_board_has_its_most_births_and_no_more_and_is_never_late() {
         let seconds = (ticks * TICK) as f64 / f64::from(HZ);
         let off = sigmas(
             stats.births as f64,
-            f64::from(board.limits().rate) * seconds,
+            f64::from(board.limits().alone.rate) * seconds,
         );
         println!(
             "{}: {} births in {seconds} s ({off:+.2} sigma), {} late, {} overloads",

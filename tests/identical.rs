@@ -10,7 +10,7 @@ use freshet::mix::Output;
 use freshet::observer::{Birth, Crowd, Observer};
 use freshet::param;
 use freshet::population;
-use freshet::profile::{Limits, Profile};
+use freshet::profile::{F411, Limits, Profile, limits};
 use freshet::stats::Stats;
 use freshet::voices::{Pitch, Strike, Voice};
 use freshet::{Frame, Instrument, TICK, Update};
@@ -20,7 +20,7 @@ use freshet_host::board::{Board, Player};
 const HZ: u32 = 48_000;
 const BOARDS: [Board; 4] = [Board::Desk, Board::F407, Board::F411, Board::H743];
 
-/// A crowd, dense classes, sparse ones, rising bubbles, waves and drops.
+/// A crowd, dense classes, sparse ones, rising bubbles, waves, drops and a cloud.
 const EVERYTHING: &str = r#"
 [water]
 rate = 150_000
@@ -37,6 +37,12 @@ period = 1
 fizz = 1
 [drops]
 rate = 12
+[cloud]
+rate = 100
+bubbles = 40
+pushes = 300
+split = 0.5
+drift = 0.3
 [mix]
 tone = 3
 "#;
@@ -124,7 +130,7 @@ struct Golden {
     output: Output,
 }
 
-const GOLDEN: [Golden; 6] = [
+const GOLDEN: [Golden; 7] = [
     Golden {
         name: "drips that rise",
         toml: r#"
@@ -188,16 +194,28 @@ const GOLDEN: [Golden; 6] = [
         seed: 4,
         output: Output::Bits24,
     },
+    Golden {
+        name: "bubbles that hear each other and break",
+        toml: r#"
+            water = { rate = 0 }
+            cloud = { rate = 100, bubbles = 128, spacing = 2.5, split = 0.4, drift = 0.5, pushes = 900, pressure = 0.3 }
+        "#,
+        board: Board::F407,
+        rate: 48_000,
+        seed: 5,
+        output: Output::Bits24,
+    },
 ];
 
 /// Change these only when the sound is meant to change: then paste what the test prints.
 const HASHES: [u64; GOLDEN.len()] = [
     0x42898e62b14470ee, // desk, drips that rise
-    0xe67dc6739f05dbd5, // desk, everything on the bus
+    0xf6b78af647a9aec9, // desk, everything on the bus
     0xab2776c3b3c27489, // f407, stream with more rising bubbles than voices
-    0xa0d51152bfa88e75, // f411, waves of foam, at the most births a second
+    0xdd3c7fc002bd578a, // f411, waves of foam, at the most births a second
     0xa52d0d662516a566, // h743, two crowds of entrained bubbles, held down
     0x88ae7c1e7b8a44d4, // h743, huge bubbles at a high rate
+    0xb92c3cc963bab5df, // f407, bubbles that hear each other and break
 ];
 
 #[test]
@@ -307,10 +325,7 @@ struct Tight;
 impl Profile for Tight {
     const NAME: &'static str = "tight";
     const VOICES: usize = 32;
-    const LIMITS: Limits = Limits {
-        rate: 100_000.0,
-        classes: 64,
-    };
+    const LIMITS: Limits = limits([1e5; 2], [64; 2]);
     const BIRTHS_PER_BLOCK: u32 = 40;
     type Voices = [Voice; 32];
     const IDLE: Self::Voices = [Voice::IDLE; 32];
@@ -318,6 +333,10 @@ impl Profile for Tight {
     fn update() -> Self::Update {
         Update::new()
     }
+    type Cloud = <F411 as Profile>::Cloud;
+    const CLOUD: Self::Cloud = F411::CLOUD;
+    type Keeper = <F411 as Profile>::Keeper;
+    const KEEPER: Self::Keeper = F411::KEEPER;
 }
 
 /// Every counter, by name.

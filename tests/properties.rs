@@ -246,6 +246,8 @@ fn stop(player: &mut dyn Player) {
         (param::INTENSITY, intensity),
         (param::RATE, 0.0),
         (param::DROPS_RATE, 0.0),
+        (param::CLOUD_RATE, 0.0),
+        (param::CLOUD_PUSHES, 0.0),
     ] {
         control.set(index, value, Some(0.0)).expect("allowed");
     }
@@ -377,6 +379,8 @@ fn loud_case(big: bool) -> impl Strategy<Value = Case> {
             if !big {
                 put(&mut scene, param::RISE_FACTOR, 0.0);
                 put(&mut scene, param::DROPS_RATE, 0.0);
+                put(&mut scene, param::CLOUD_RATE, 0.0);
+                put(&mut scene, param::CLOUD_PUSHES, 0.0);
                 events.clear();
             }
             events.sort_by(|a, b| a.0.total_cmp(&b.0));
@@ -426,7 +430,7 @@ fn loud_water(big: bool, holds: impl Fn(u32, u32) -> bool) {
     });
     let most = f64::from(*most.borrow()) / f64::from(PASCAL);
     println!("loudest {most:.1} Pa, {} overloads", overloads.borrow());
-    assert!(most > 12.0, "it was not loud");
+    assert!(most > 11.0, "it was not loud");
 }
 
 #[test]

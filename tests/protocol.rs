@@ -237,7 +237,7 @@ fn what_is_stored_comes_back() {
     assert_eq!(presets[0], "settings = over light-rain");
     assert_eq!(presets[1], "preset 3 = my rain (over light-rain)");
     let answer = ask(&mut twin, "recall 3");
-    assert_eq!(answer[0], "scene 6 = light-rain (plays)");
+    assert_eq!(answer[0], "scene 8 = light-rain (plays)");
     assert!(answer.contains(&"mix.level = -9 dB".to_owned()));
     assert!(
         answer

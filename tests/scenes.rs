@@ -48,7 +48,7 @@ fn every_scene_has_words_and_a_picture_in_the_guide() {
         );
         assert!(fs::exists(format!("docs/pictures/{name}.png")).expect("readable"));
     }
-    assert_eq!(scene_names().count(), 12);
+    assert_eq!(scene_names().count(), 16);
 }
 
 #[test]

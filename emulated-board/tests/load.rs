@@ -55,12 +55,19 @@ fn too_much() -> Scene {
     SceneFile::parse("too much", text).expect("valid").scene
 }
 
+/// As many bubbles that hear each other as there can be.
+fn large_cloud() -> Scene {
+    let text = "[water]\nrate = 0\n[cloud]\nbubbles = 128\nrate = 100\npushes = 500";
+    SceneFile::parse("large cloud", text).expect("valid").scene
+}
+
 #[test]
 fn the_share_that_a_rendering_prints_is_within_10_percent_of_the_board() {
     let mut scenes: Vec<_> = (SCENES.iter())
         .map(|(name, _)| (*name, blocks(&scene(name))))
         .collect();
     scenes.push(("too much", blocks(&too_much())));
+    scenes.push(("large cloud", blocks(&large_cloud())));
     let fitted = fit(scenes.iter().flat_map(|(_, blocks)| blocks));
     println!("pub const COST: [f64; COUNTED.len()] = [");
     for (cost, what) in fitted.iter().zip(COUNTED) {

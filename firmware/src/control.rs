@@ -8,6 +8,7 @@ use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_sync::channel::Channel;
 use embassy_time::{Duration, Instant, Timer};
 use freshet::Synth;
+use freshet::cloud::Keep;
 use freshet::control::Control;
 use freshet::mix::Output;
 use freshet::profile::Profile;
@@ -24,6 +25,9 @@ use crate::serial::Line;
 use crate::storage;
 use crate::supervisor::{self, Client};
 
+/// The cloud's control path.
+type Keeper = <Capacity as Profile>::Keeper;
+
 /// What a person asks for.
 enum Wish {
     NextScene,
@@ -32,6 +36,7 @@ enum Wish {
 // No stack would hold any of these on the way: they are made in their places.
 static CONTROL: ConstStaticCell<Control> = ConstStaticCell::new(Control::OFF);
 static SYNTH: ConstStaticCell<Synth<Capacity>> = ConstStaticCell::new(Synth::OFF);
+static KEEPER: ConstStaticCell<Keeper> = ConstStaticCell::new(Capacity::KEEPER);
 static UPDATES: ConstStaticCell<[Update; 2]> = ConstStaticCell::new([Update::new(), Update::new()]);
 
 /// Bytes of answers that may wait to be sent.
@@ -63,7 +68,9 @@ pub fn start(
     start_control(control, &first, seed);
     start_synth(synth, control, seed);
     let [first, next] = UPDATES.take().each_mut();
-    tick(control, next);
+    let keeper = KEEPER.take();
+    keeper.start(seed, SAMPLE_RATE);
+    tick(control, keeper, next);
     board::spawner().spawn(unwrap(audio::run(synth, first)));
     let device = Device::new(control, scenes, playing, kept, past);
     let doors = Doors {
@@ -74,7 +81,7 @@ pub fn start(
         #[cfg(feature = "usb")]
         usb_shell: USB_SHELL.take(),
     };
-    spawner.spawn(unwrap(run(device, next, doors)));
+    spawner.spawn(unwrap(run(device, keeper, next, doors)));
     spawner.spawn(unwrap(watch(button)));
 }
 
@@ -155,7 +162,12 @@ impl Doors {
 
 /// One tick after another.
 #[embassy_executor::task]
-async fn run(mut device: Device, mut update: &'static mut Update, mut doors: Doors) {
+async fn run(
+    mut device: Device,
+    keeper: &'static mut Keeper,
+    mut update: &'static mut Update,
+    mut doors: Doors,
+) {
     doors.greet(&device);
     loop {
         update = audio::exchange(update).await;
@@ -164,7 +176,7 @@ async fn run(mut device: Device, mut update: &'static mut Update, mut doors: Doo
         while let Ok(Wish::NextScene) = WISHES.try_receive() {
             device.next_scene();
         }
-        tick(device.control_mut(), update);
+        tick(device.control_mut(), keeper, update);
         supervisor::check_in(Client::Control);
         match device.due() {
             None => {}
@@ -182,8 +194,9 @@ async fn run(mut device: Device, mut update: &'static mut Update, mut doors: Doo
 
 /// Computes the next tick. A function of its own, so that it can be found and measured.
 #[inline(never)]
-fn tick(control: &mut Control, update: &mut Update) {
+fn tick(control: &mut Control, keeper: &mut Keeper, update: &mut Update) {
     control.tick(update);
+    control.tick_cloud(keeper, update);
 }
 
 /// Waits for the button.

@@ -1,11 +1,12 @@
 //! The instrument in the capacities of a board or of the desk.
 
 use clap::ValueEnum;
+use freshet::cloud::Work;
 use freshet::control::Control;
 use freshet::mix::Output;
 use freshet::observer::Observer;
 use freshet::population::{CLASSES, Crowd};
-use freshet::profile::{F407, F411, H743, Limits, Profile};
+use freshet::profile::{F407, F411, H743, Limits, Profile, limits};
 use freshet::scene::Scene;
 use freshet::stats::Stats;
 use freshet::voices::{Strike, Voice};
@@ -18,10 +19,7 @@ pub struct Desk;
 impl Profile for Desk {
     const NAME: &'static str = "desk";
     const VOICES: usize = 16_384;
-    const LIMITS: Limits = Limits {
-        rate: 1_000_000.0,
-        classes: CLASSES,
-    };
+    const LIMITS: Limits = limits([1e6; 2], [CLASSES; 2]);
     const BIRTHS_PER_BLOCK: u32 = 8_192;
     type Voices = Vec<Voice>;
     const IDLE: Self::Voices = Vec::new();
@@ -33,6 +31,10 @@ impl Profile for Desk {
     fn update() -> Self::Update {
         Update::new()
     }
+    type Cloud = <H743 as Profile>::Cloud;
+    const CLOUD: Self::Cloud = H743::CLOUD;
+    type Keeper = <H743 as Profile>::Keeper;
+    const KEEPER: Self::Keeper = H743::KEEPER;
 }
 
 /// Whose capacities to play with.
@@ -70,6 +72,8 @@ pub trait Player: Send {
     fn voices(&self) -> usize;
     /// Classes that ring now.
     fn ringing(&self) -> usize;
+    /// What the cloud has done.
+    fn cloud(&self) -> Work;
     /// Whether no bubble rings.
     fn is_silent(&self) -> bool;
     /// Continues counting from elsewhere.
@@ -106,6 +110,9 @@ impl<P: Profile> Player for Instrument<P> {
     }
     fn ringing(&self) -> usize {
         self.synth().ringing()
+    }
+    fn cloud(&self) -> Work {
+        self.synth().cloud()
     }
     fn is_silent(&self) -> bool {
         self.synth().is_silent()

@@ -18,6 +18,8 @@ pub mod bubble_events;
 #[cfg(feature = "command")]
 pub mod client;
 #[cfg(feature = "command")]
+pub mod cloud;
+#[cfg(feature = "command")]
 pub mod control;
 #[cfg(feature = "command")]
 pub mod flash;

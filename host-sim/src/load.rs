@@ -3,6 +3,7 @@
 //! The costs are instructions of a Cortex-M4, fitted to what the emulated F407 executes block by block:
 //! `cargo test --manifest-path emulated-board/Cargo.toml --ignore-rust-version --test load -- --nocapture`.
 
+use freshet::cloud::Work;
 use freshet::frame::BLOCKS_PER_TICK;
 use freshet::observer::{Birth, Crowd, Observer, Path};
 use freshet::param;
@@ -12,7 +13,7 @@ use freshet::{BLOCK, Frame};
 use crate::board::{Board, Player};
 
 /// What is counted in a block.
-pub const COUNTED: [&str; 13] = [
+pub const COUNTED: [&str; 17] = [
     "block",
     "first block of a tick",
     "block with sound in it",
@@ -26,11 +27,16 @@ pub const COUNTED: [&str; 13] = [
     "rising bubble",
     "voice",
     "voice that fades",
+    "group of a cloud's clusters",
+    "the same, squared",
+    "change of a cloud",
+    "step of a force on a cloud",
 ];
 
 /// Instructions that each of [`COUNTED`] takes.
 pub const COST: [f64; COUNTED.len()] = [
-    2040.0, 363.0, 1800.0, 2899.0, 1298.0, 1527.0, 417.0, 133.0, 67.0, 234.0, 524.0, 408.0, 3041.0,
+    2005.0, 415.0, 1852.0, 2837.0, 1263.0, 1561.0, 422.0, 78.0, 91.0, 151.0, 570.0, 408.0, 3105.0,
+    15344.0, 228.0, 7011.0, 172.0,
 ];
 
 /// Frames in which a stolen voice fades.
@@ -42,6 +48,7 @@ pub type Counts = [f64; COUNTED.len()];
 /// Counts block by block.
 pub struct Meter {
     before: Stats,
+    cloud: Work,
     blocks: u64,
     /// Classes of this block with births, and with rising ones, as bits.
     with_births: u64,
@@ -82,6 +89,7 @@ impl Meter {
     pub fn new() -> Self {
         Self {
             before: Stats::default(),
+            cloud: Work::default(),
             blocks: 0,
             with_births: 0,
             with_rising: 0,
@@ -95,6 +103,7 @@ impl Meter {
     /// What was counted in the block that `player` has just rendered, which was observed by this.
     pub fn block(&mut self, player: &dyn Player, block: &[Frame]) -> Counts {
         let (stats, before) = (player.stats(), self.before);
+        let cloud = player.cloud();
         let now = (self.blocks + 1) * BLOCK as u64;
         self.fades.retain(|end| *end > now);
         let stolen = (stats.stolen - before.stolen) as usize;
@@ -116,6 +125,10 @@ impl Meter {
             (stats.rising - before.rising) as f64,
             player.voices() as f64,
             self.fades.len().min(player.voices()) as f64,
+            cloud.groups as f64,
+            (cloud.groups * cloud.groups) as f64,
+            f64::from(cloud.commits - self.cloud.commits),
+            f64::from(cloud.pushes - self.cloud.pushes),
         ];
         let cost: f64 = (counts.iter().zip(COST))
             .map(|(count, cost)| count * cost)
@@ -124,6 +137,7 @@ impl Meter {
         self.sum += cost;
         self.most = self.most.max(cost);
         self.before = stats;
+        self.cloud = cloud;
         self.blocks += 1;
         (self.with_births, self.with_rising) = (0, 0);
         self.births = 0;

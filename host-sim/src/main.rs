@@ -8,6 +8,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 use anyhow::{Context, Result};
 use clap::{Parser, Subcommand};
+use freshet_host::cloud::{cloud_command, modes_command};
 use freshet_host::simulate::Told;
 use freshet_host::talk::Port;
 use freshet_host::transfer::command as transfer;
@@ -23,8 +24,12 @@ struct Cli {
 
 #[derive(Debug, Subcommand)]
 enum Command {
-    /// Render a scene or a file of bubble events to a WAV
-    Render(render::Request),
+    /// Render a scene, bubble events or bubble tracks to a WAV
+    Render(Box<render::Request>),
+    /// The pitches of a cloud of bubbles that hear each other
+    Modes(modes_command::Request),
+    /// Make a synthetic cloud, or a stream of bubble tracks
+    Cloud(cloud_command::Request),
     /// What an ear hears of a bubble in a vessel
     Transfer(transfer::Request),
     /// Check the mesh of a vessel, and draw it
@@ -123,6 +128,11 @@ fn run(cli: Cli) -> Result<ExitCode> {
             let report = render::render(&request, &on_ctrl_c()?)?;
             finished(&report.output, &report.summary(), report.interrupted)
         }
+        Command::Modes(request) => say(&modes_command::run(&request)?),
+        Command::Cloud(request) => match cloud_command::run(&request)?.as_str() {
+            "" => Ok(ExitCode::SUCCESS),
+            line => say(line),
+        },
         Command::Transfer(request) => say(&transfer::transfer(&request)?),
         Command::Vessel(request) => say(&transfer::vessel(&request)?),
         Command::List => say(&list::list()?),

@@ -18,6 +18,8 @@ use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 
 use crate::births::EventLog;
 use crate::board::{Board, Player};
+use crate::cloud::render::CouplingOptions;
+use crate::cloud::{self, tracks};
 use crate::load::{Both, Meter};
 use crate::scene_file::put;
 use crate::source::{Source, Strikes};
@@ -29,14 +31,14 @@ const SCENE_SECONDS: f64 = 10.0;
 /// Sample rates that are rendered, Hz.
 const RATES: std::ops::RangeInclusive<u32> = 8_000..=192_000;
 /// The longest sound, frames: beyond, an f64 would no longer tell them apart in time.
-const MAX_FRAMES: f64 = 1e15;
+pub(crate) const MAX_FRAMES: f64 = 1e15;
 /// Frames rendered between two looks at the outside world.
 const STRETCH: usize = 64 * BLOCK;
 
 /// What `freshet render` is asked.
 #[derive(Clone, Debug, Args)]
 pub struct Request {
-    /// A scene (`freshet list`), a scene file (.toml) or a file of bubble events (.csv)
+    /// A scene (`freshet list`), a scene file (.toml), bubble events (.csv) or bubble tracks (.txt, .xz)
     pub source: String,
     /// Where the sound goes; `-` is the standard output [default: the scene's name, .wav]
     #[arg(short, long, value_name = "FILE")]
@@ -73,6 +75,9 @@ pub struct Request {
     /// 32-bit float in pascal for measuring: no limiter, dither, tone or DC blocker, width 0
     #[arg(long)]
     pub raw: bool,
+    /// How bubbles of tracks hear each other.
+    #[command(flatten)]
+    pub coupling: CouplingOptions,
 }
 
 /// What came of a rendering.
@@ -102,6 +107,8 @@ pub struct Report {
     pub cuts: Vec<(&'static str, f32, f32)>,
     /// Time the rendering took.
     pub elapsed: Duration,
+    /// What else the summary says.
+    pub lines: Vec<String>,
 }
 
 /// Renders what is asked. `stop` ends it early with a valid file.
@@ -114,6 +121,10 @@ pub fn render(request: &Request, stop: &Arc<AtomicBool>) -> Result<Report> {
             RATES.end()
         );
     }
+    if tracks::is_tracks(Path::new(&request.source)) {
+        return cloud::render::render(request, stop);
+    }
+    request.coupling.refuse(&request.source)?;
     let mut source = Source::find_until(&request.source, stop)?;
     source.scene.set_all(&request.set)?;
     let output = output_kind(request);
@@ -197,6 +208,7 @@ pub fn render(request: &Request, stop: &Arc<AtomicBool>) -> Result<Report> {
         interrupted: stopped && stop.load(Ordering::Relaxed),
         cuts: cuts(&source, &most),
         elapsed: begun.elapsed(),
+        lines: Vec::new(),
     };
     job.finish(request, &source.scene.title)?;
     Ok(report)
@@ -204,9 +216,14 @@ pub fn render(request: &Request, stop: &Arc<AtomicBool>) -> Result<Report> {
 
 /// See [`Report::cuts`].
 fn cuts(source: &Source, limits: &Limits) -> Vec<(&'static str, f32, f32)> {
+    let most = if source.scene.value(param::CLOUD_RATE) > 0.0 {
+        limits.beside_cloud
+    } else {
+        limits.alone
+    };
     let rows = [
-        ("births a second", param::RATE, limits.rate),
-        ("radius classes", param::CLASSES, limits.classes as f32),
+        ("births a second", param::RATE, most.rate),
+        ("radius classes", param::CLASSES, most.classes as f32),
     ];
     let rows = rows.map(|(what, index, most)| (what, source.scene.value(index), most));
     let mut rows = rows.to_vec();
@@ -214,7 +231,7 @@ fn cuts(source: &Source, limits: &Limits) -> Vec<(&'static str, f32, f32)> {
     rows
 }
 
-fn output_kind(request: &Request) -> Output {
+pub(crate) fn output_kind(request: &Request) -> Output {
     match (request.raw, request.bits.as_deref()) {
         (true, _) => Output::Raw,
         (false, Some("24")) => Output::Bits24,
@@ -223,7 +240,7 @@ fn output_kind(request: &Request) -> Output {
 }
 
 /// The sample value that is 1.0 in a float.
-fn full_scale(output: Output) -> f64 {
+pub(crate) fn full_scale(output: Output) -> f64 {
     match output {
         Output::Raw => f64::from(PASCAL),
         Output::Bits16 => 32_768.0,
@@ -249,7 +266,7 @@ fn frames(request: &Request, source: &Source) -> Result<u64> {
 }
 
 /// Refuses a file that would be overwritten while it is read, or written twice.
-fn check_apart(source: Option<&Path>, output: &Path, request: &Request) -> Result<()> {
+pub(crate) fn check_apart(source: Option<&Path>, output: &Path, request: &Request) -> Result<()> {
     // The same file by any name, there already or not; no device or pipe, which may be shared.
     let place = |path: &Path| -> Option<PathBuf> {
         match fs::canonicalize(path) {
@@ -284,7 +301,7 @@ fn check_apart(source: Option<&Path>, output: &Path, request: &Request) -> Resul
 }
 
 /// Finds out early that a file cannot be written; leaves no trace.
-fn check_writable(path: &Path) -> Result<()> {
+pub(crate) fn check_writable(path: &Path) -> Result<()> {
     // Whoever reads a pipe would take the end of the check for the end of the file.
     if fs::metadata(path).is_ok_and(|meta| !meta.is_file() && !meta.is_dir()) {
         return Ok(());
@@ -405,7 +422,7 @@ impl Job {
     }
 }
 
-fn progress(frames: u64, rate: u32) -> ProgressBar {
+pub(crate) fn progress(frames: u64, rate: u32) -> ProgressBar {
     let bar = ProgressBar::with_draw_target(Some(frames), ProgressDrawTarget::stderr());
     let style = ProgressStyle::with_template("{bar:40} {percent:>3} %  {speed}  {eta} left")
         .expect("the template is valid")
@@ -455,6 +472,7 @@ impl Report {
                 "chip      {mean:.0} % of its time, {busiest:.0} % in the busiest block"
             ));
         }
+        lines.extend_from_slice(&self.lines);
         let mut note = |count: u64, text: &str| {
             if count > 0 {
                 lines.push(format!("note      {count} {text}"));

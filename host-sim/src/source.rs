@@ -78,7 +78,9 @@ impl Source {
                 events: None,
             }),
             None if Path::new(name).exists() => {
-                bail!("{name}: expected a scene (.toml) or bubble events (.csv)")
+                bail!(
+                    "{name}: expected a scene (.toml), bubble events (.csv) or bubble tracks (.txt, .xz)"
+                )
             }
             None => match nearest(&plain, SCENES.iter().map(|scene| scene.0)) {
                 Some(near) => {

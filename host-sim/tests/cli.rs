@@ -724,13 +724,13 @@ fn ten_million_events_are_streamed() {
 fn an_unknown_scene_is_answered_with_the_nearest_one() {
     let folder = Folder::new();
     folder.write("brook.wav", "precious");
-    folder.write("notes.txt", "hello");
-    let expected = "expected a scene (.toml) or bubble events (.csv)";
+    folder.write("notes.md", "hello");
+    let expected = "expected a scene (.toml), bubble events (.csv) or bubble tracks (.txt, .xz)";
     for (source, words) in [
         ("brok", &["no scene `brok`", "did you mean `brook`?"][..]),
         ("watterfall", &["did you mean `waterfall`?"]),
         ("xyzzy", &["no scene `xyzzy`", "`freshet list` shows all"]),
-        ("notes.txt", &["notes.txt: ", expected]),
+        ("notes.md", &["notes.md: ", expected]),
         (".", &[expected]),
     ] {
         folder.refuses(&format!("render {source}"), words);
@@ -1299,4 +1299,97 @@ fn help_and_version_are_there() {
     let outcome = folder.freshet("");
     assert_eq!(outcome.code(), Some(2));
     assert!(outcome.err.contains("Usage"), "{outcome:?}");
+}
+
+const PAIR: &str = "Bub 0 0.003\n  Start: N 0\n  0 1086.667 0 0 0\n  End: C 0.2\n\
+    Bub 1 0.003\n  Start: N 0.0\n  0 1086.667 0.006 0 0\n  End: C 0.2\n";
+
+#[test]
+fn tracks_are_rendered_coupled_and_uncoupled() {
+    let folder = Folder::new();
+    folder.write("pair.txt", PAIR);
+    let told = folder.succeeds("render pair.txt --spectrogram pair.png");
+    for words in [
+        "pair.wav",
+        "2 bubbles",
+        "coupled   2 at most",
+        "level",
+        "one sample",
+    ] {
+        assert!(told.contains(words), "no `{words}` in {told}");
+    }
+    assert!(folder.read("pair.png").starts_with(b"\x89PNG"));
+    let told = folder.succeeds("render pair.txt -o alone.wav --uncoupled");
+    assert!(told.contains("--uncoupled"), "{told}");
+    assert!(folder.read("pair.wav") != folder.read("alone.wav"));
+    folder.succeeds("render pair.txt -o again.wav");
+    assert!(folder.read("pair.wav") == folder.read("again.wav"));
+}
+
+#[test]
+fn what_tracks_cannot_do_is_refused_before_a_file_is_touched() {
+    let folder = Folder::new();
+    folder.write("pair.txt", PAIR);
+    folder.write("bad.txt", "Bub 0 0.003\n  Start: N zero\n");
+    for (line, words) in [
+        (
+            "render pair.txt --solver exact",
+            vec!["'exact'", "dense, reduced"],
+        ),
+        (
+            "render pair.txt --epsilon 1",
+            vec!["--epsilon 1", "above 1"],
+        ),
+        ("render pair.txt --events b.csv", vec!["--events"]),
+        ("render pair.txt --board f407", vec!["--board f407"]),
+        ("render bad.txt", vec!["bad.txt:2", "the start"]),
+        ("render none.txt", vec!["cannot read", "none.txt"]),
+        ("render pair.txt -o pair.txt", vec!["cannot write"]),
+        (
+            "render brook --uncoupled",
+            vec!["--uncoupled", "bubble tracks"],
+        ),
+        ("modes none.csv", vec!["cannot read", "none.csv"]),
+        ("cloud c.csv --count 0", vec!["--count 0"]),
+        (
+            "cloud c.txt --split 1.5",
+            vec!["--split 1.5", "from 0 to 1"],
+        ),
+    ] {
+        folder.refuses(line, &words);
+    }
+}
+
+#[test]
+fn a_cloud_is_made_and_its_modes_told() {
+    let folder = Folder::new();
+    folder.succeeds("cloud c.csv --count 40 --ball 30");
+    let told = folder.succeeds("modes c.csv --plot c.png");
+    assert_eq!(told.trim().lines().count(), 41, "{told}");
+    assert!(folder.read("c.png").starts_with(b"\x89PNG"));
+    let json: serde_json::Value =
+        serde_json::from_str(&folder.succeeds("modes c.csv --json")).unwrap();
+    let list = |name: &str| -> Vec<f64> {
+        let values = json[name].as_array().unwrap();
+        values.iter().map(|value| value.as_f64().unwrap()).collect()
+    };
+    let (dense, reduced) = (list("frequencies_hz"), list("reduced_frequencies_hz"));
+    assert_eq!((dense.len(), reduced.len()), (40, 40));
+    assert!(dense.is_sorted());
+    assert!(
+        dense
+            .iter()
+            .zip(&reduced)
+            .all(|(a, b)| (a / b - 1.0).abs() < 0.04)
+    );
+    folder.write(
+        "mixed.csv",
+        "x_m,y_m,z_m,radius_m\n0,0,0,0.01\n0.0001,0,0,0.0002\n0,0.0001,0,0.0002\n",
+    );
+    folder.write("wrong.csv", "x_m,y_m,z_m,radius_m\n0,0,0,big\n");
+    folder.refuses(
+        "modes mixed.csv --kernel cb --epsilon 0",
+        &["not positive definite", "--kernel definite"],
+    );
+    folder.refuses("modes wrong.csv", &["wrong.csv:2", "radius_m", "`big`"]);
 }

@@ -44,7 +44,7 @@ impl Pitch {
         slope: 0,
         ramp: 0,
         keep: 0,
-        decay: -1,
+        decay: 0,
         beta: 0,
     };
 

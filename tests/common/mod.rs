@@ -1,6 +1,8 @@
 //! What the tests share: rendering to f64 and measuring.
 #![allow(dead_code)]
 
+pub mod high_band;
+
 use freshet::fixed::PASCAL;
 use freshet::mix::Output;
 use freshet::observer::Observer;
