@@ -466,7 +466,44 @@ fn meshes_of_other_programs_are_read_and_broken_ones_refused() {
             assert!(refusal(read(ply)).contains("wedge.ply"));
         }
     }
+    for (change, expected) in [
+        (text.replace("3 0 2 1 1", "3 0 -2 1 1"), "face 1: point"),
+        (
+            text.replace("3 0 2 1 1", "2 0 2 1"),
+            "face 1: a face with 2 corners",
+        ),
+        (
+            text.replace("element face 4", "element face 99999999999999999999"),
+            "expected a count",
+        ),
+        (
+            text.replace(
+                "element vertex",
+                "element other 888888888888888\nelement vertex",
+            ),
+            "",
+        ),
+    ] {
+        std::fs::write(folder.join("wedge.ply"), change).unwrap();
+        match read(ply) {
+            Ok(_) => assert_eq!(expected, ""),
+            Err(error) => assert!(format!("{error:#}").contains(expected), "{error:#}"),
+        }
+    }
     std::fs::remove_dir_all(&folder).unwrap();
+}
+
+#[test]
+fn a_needle_and_a_plate_are_meshed_in_bounded_time() {
+    for text in [
+        "shape = \"glass\"\nradius = 0.0001\nheight = 100\nwall = 0.0001\nlevel = 50",
+        "shape = \"box\"\nwidth = 100\ndepth = 100\nheight = 0.0001\nwall = 0.0001\nlevel = 0.0001",
+        "shape = \"drop\"\nradius = 100",
+    ] {
+        let vessel = Vessel::parse("test", text, Path::new(".")).unwrap();
+        // A shape, or a reason.
+        drop(vessel.shape());
+    }
 }
 
 #[test]

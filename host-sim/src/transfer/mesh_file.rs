@@ -82,7 +82,7 @@ impl Soup<'_> {
             points.push(*self.points.get(*corner).with_context(|| {
                 format!(
                     "point {} of {}: there is none",
-                    corner + 1,
+                    corner.saturating_add(1),
                     self.points.len()
                 )
             })?);
@@ -210,6 +210,10 @@ fn ply(bytes: &[u8], soup: &mut Soup<'_>) -> Result<()> {
         },
     };
     for (element, count, properties) in elements {
+        // Nothing to read, however many there are.
+        if properties.is_empty() {
+            continue;
+        }
         for row in 0..count {
             let mut point = [f64::NAN; 3];
             let (mut corners, mut part) = (Vec::new(), 0.0);
@@ -231,7 +235,7 @@ fn ply(bytes: &[u8], soup: &mut Soup<'_>) -> Result<()> {
                         ("vertex", "x") => point[0] = value,
                         ("vertex", "y") => point[1] = value,
                         ("vertex", "z") => point[2] = value,
-                        ("face", "vertex_indices" | "vertex_index") => corners.push(value as usize),
+                        ("face", "vertex_indices" | "vertex_index") => corners.push(index(value)),
                         ("face", "part") => part = value,
                         _ => {}
                     }
@@ -246,6 +250,15 @@ fn ply(bytes: &[u8], soup: &mut Soup<'_>) -> Result<()> {
         }
     }
     Ok(())
+}
+
+/// The number of a point; none that exists where it is not one.
+fn index(value: f64) -> usize {
+    if value >= 0.0 && value.fract() == 0.0 {
+        value as usize
+    } else {
+        usize::MAX
+    }
 }
 
 /// The numbers after a PLY header.

@@ -197,7 +197,8 @@ impl Vessel {
         let coarse = match &self.form {
             Form::Pool => return Ok(None),
             Form::Mesh(mesh) => return Ok(Some(mesh.clone())),
-            form => form.mesh(form.extent() / 8.0),
+            // Coarse, and bounded for a needle, too.
+            form => form.mesh((form.extent() / 8.0).max(form.longest() / 200.0)),
         };
         let area = coarse.area();
         let edge = self
@@ -285,6 +286,33 @@ impl Form {
                 height,
                 ..
             } => width.min(*depth).min(*height),
+            Form::Pool | Form::Mesh(_) => 1.0,
+        }
+    }
+
+    /// The largest of its dimensions, m.
+    fn longest(&self) -> f64 {
+        match self {
+            Form::Drop { radius } => *radius,
+            Form::Glass {
+                radius,
+                height,
+                wall,
+                ..
+            }
+            | Form::Bowl {
+                radius,
+                height,
+                wall,
+                ..
+            } => radius.max(*height).max(*wall),
+            Form::Box {
+                width,
+                depth,
+                height,
+                wall,
+                ..
+            } => width.max(*depth).max(*height).max(*wall),
             Form::Pool | Form::Mesh(_) => 1.0,
         }
     }
