@@ -1,5 +1,6 @@
 #!/bin/sh
-# Draws the pictures of docs/scenes.md and docs/clouds.md anew. With pngquant on the path they become a third of the size.
+# Draws the pictures of docs/scenes.md, docs/clouds.md and the glass of docs/transfer.md anew. With pngquant on the path
+# they become a third of the size.
 set -eu
 cd "$(dirname "$0")/.."
 work=$(mktemp -d)
@@ -28,3 +29,5 @@ cargo freshet modes "$work/c.csv" --plot docs/pictures/modes.png
 for picture in cloud-coupled cloud-uncoupled modes; do
     small "docs/pictures/$picture.png"
 done
+cargo freshet vessel vessels/glass.toml --plot docs/pictures/vessel-glass.png >/dev/null
+small docs/pictures/vessel-glass.png

@@ -36,6 +36,12 @@ pub struct Request {
     /// Only a breaking wave of 300 000 coupled bubbles in 4.5 s, once: it takes minutes
     #[arg(long)]
     pub wave: bool,
+    /// Only the transfer from bubble to ear: its residuals and its speed; it takes minutes
+    #[arg(long)]
+    pub transfer: bool,
+    /// With --transfer: draw convergence and cost into this folder
+    #[arg(long, value_name = "FOLDER", requires = "transfer")]
+    pub plots: Option<std::path::PathBuf>,
 }
 
 /// One line of the table.
@@ -50,6 +56,9 @@ struct Line {
 pub fn bench(request: &Request) -> Result<String> {
     if !(0.01..=3600.0).contains(&request.seconds) {
         bail!("--seconds {}: expected from 0.01 to 3600", request.seconds);
+    }
+    if request.transfer {
+        return crate::transfer::bench::bench(request.plots.as_deref());
     }
     if request.wave {
         return clouds::wave();

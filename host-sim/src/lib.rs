@@ -54,6 +54,8 @@ pub mod talk;
 #[cfg(feature = "command")]
 pub mod transcript;
 #[cfg(feature = "command")]
+pub mod transfer;
+#[cfg(feature = "command")]
 pub mod twin;
 #[cfg(feature = "command")]
 pub mod wav;

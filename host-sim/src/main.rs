@@ -11,6 +11,7 @@ use clap::{Parser, Subcommand};
 use freshet_host::cloud::{cloud_command, modes_command};
 use freshet_host::simulate::Told;
 use freshet_host::talk::Port;
+use freshet_host::transfer::command as transfer;
 use freshet_host::{bench, bridge, control, flash, list, record, render, replay, simulate, talk};
 
 /// Water and fire from physics: render scenes, hear them, measure them.
@@ -29,6 +30,10 @@ enum Command {
     Modes(modes_command::Request),
     /// Make a synthetic cloud, or a stream of bubble tracks
     Cloud(cloud_command::Request),
+    /// What an ear hears of a bubble in a vessel
+    Transfer(transfer::Request),
+    /// Check the mesh of a vessel, and draw it
+    Vessel(transfer::VesselRequest),
     /// List the scenes
     List,
     /// Show parameters: current value, default, range, unit
@@ -128,6 +133,8 @@ fn run(cli: Cli) -> Result<ExitCode> {
             "" => Ok(ExitCode::SUCCESS),
             line => say(line),
         },
+        Command::Transfer(request) => say(&transfer::transfer(&request)?),
+        Command::Vessel(request) => say(&transfer::vessel(&request)?),
         Command::List => say(&list::list()?),
         Command::Describe { path, scene } => {
             say(&list::describe(path.as_deref(), scene.as_deref())?)
