@@ -12,8 +12,7 @@ if [ ! -d "$(rustc --print target-libdir --target "$target")" ]; then
 fi
 
 step cargo fmt --all --check
-step cargo clippy --all-targets -- --deny warnings
-step cargo clippy --package freshet-host --features flash --all-targets -- --deny warnings
+step cargo clippy --all-targets --features freshet-host/flash -- --deny warnings
 RUSTDOCFLAGS='--deny warnings' step cargo doc --no-deps
 for board in f407 f411 h743; do
     step cargo clippy --profile firmware --package freshet-firmware --target "$target" \
@@ -25,8 +24,8 @@ for board in f407 f411 h743; do
 done
 step cargo test
 # The same samples from an optimised build and from one as a debugger wants it.
-step cargo test --release --test identical
-step cargo test --profile plain --test identical
+step cargo test --package freshet-builds --release
+step cargo test --package freshet-builds --profile plain
 # The firmware as it is flashed, in an emulated board.
 emulator="--manifest-path emulated-board/Cargo.toml"
 step cargo fmt $emulator --check

@@ -7,13 +7,13 @@ pub mod scene_file;
 
 #[cfg(feature = "command")]
 pub mod bench;
-#[cfg(feature = "command")]
+#[cfg(feature = "sound")]
 pub mod births;
-#[cfg(feature = "command")]
+#[cfg(feature = "sound")]
 pub mod board;
 #[cfg(feature = "command")]
 pub mod bridge;
-#[cfg(feature = "command")]
+#[cfg(feature = "sound")]
 pub mod bubble_events;
 #[cfg(feature = "command")]
 pub mod client;
@@ -27,7 +27,7 @@ pub mod flash;
 pub mod keep;
 #[cfg(feature = "command")]
 pub mod list;
-#[cfg(feature = "command")]
+#[cfg(feature = "sound")]
 pub mod load;
 #[cfg(feature = "play")]
 pub mod play;
@@ -45,7 +45,7 @@ pub mod render;
 pub mod replay;
 #[cfg(feature = "command")]
 pub mod simulate;
-#[cfg(feature = "command")]
+#[cfg(feature = "sound")]
 pub mod source;
 #[cfg(feature = "command")]
 pub mod spectrogram;
@@ -55,7 +55,7 @@ pub mod talk;
 pub mod transcript;
 #[cfg(feature = "command")]
 pub mod transfer;
-#[cfg(feature = "command")]
+#[cfg(feature = "sound")]
 pub mod twin;
-#[cfg(feature = "command")]
+#[cfg(feature = "sound")]
 pub mod wav;
