@@ -138,7 +138,7 @@ impl Control {
     /// As it is before it starts. All of it is zero, so that a board need not keep it in flash.
     pub const OFF: Self = Self {
         sample_rate: 0.0,
-        limits: limits([0.0; 2], [0; 2]),
+        limits: limits([0.0; 2], [0; 2], 0),
         ramps: [Ramp::at(0.0); COUNT],
         curves: Vec::new(),
         swell: Swell::OFF,

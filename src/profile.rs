@@ -1,6 +1,7 @@
 //! What a board can hold: a set of compile-time capacities.
 
 use crate::cloud::{Hold, Keep, Keeper, Store};
+use crate::kernel::cloud::MEMBERS;
 use crate::population::Crowd;
 use crate::update::Update;
 use crate::voices::Voice;
@@ -21,6 +22,8 @@ pub struct Limits {
     pub alone: Most,
     /// Beside a cloud.
     pub beside_cloud: Most,
+    /// Bubbles of a cloud.
+    pub bubbles: usize,
 }
 
 /// A board's capacities. The same profile, seed, scene and events give the same samples on every machine.
@@ -54,8 +57,8 @@ pub trait Profile: Clone + Send + core::fmt::Debug {
     const KEEPER: Self::Keeper;
 }
 
-/// Births a second and classes, without a cloud and beside one.
-pub const fn limits([alone, beside]: [f32; 2], classes: [usize; 2]) -> Limits {
+/// Births a second and classes, without a cloud and beside one; bubbles of a cloud.
+pub const fn limits([alone, beside]: [f32; 2], classes: [usize; 2], bubbles: usize) -> Limits {
     Limits {
         alone: Most {
             rate: alone,
@@ -65,6 +68,7 @@ pub const fn limits([alone, beside]: [f32; 2], classes: [usize; 2]) -> Limits {
             rate: beside,
             classes: classes[1],
         },
+        bubbles,
     }
 }
 
@@ -78,7 +82,10 @@ macro_rules! board {
         impl Profile for $type {
             const NAME: &'static str = $name;
             const VOICES: usize = $voices;
-            const LIMITS: Limits = $limits;
+            const LIMITS: Limits = {
+                assert!($limits.bubbles == $clusters * MEMBERS);
+                $limits
+            };
             const BIRTHS_PER_BLOCK: u32 = $births;
             type Voices = [Voice; $voices];
             const IDLE: Self::Voices = [Voice::IDLE; $voices];
@@ -97,13 +104,13 @@ macro_rules! board {
 
 board!(
     /// STM32F411, 100 MHz.
-    F411, "f411", 12, limits([80e3, 15e3], [22, 8]), 130, 2, 8
+    F411, "f411", 12, limits([80e3, 15e3], [22, 8], 64), 130, 2, 8
 );
 board!(
     /// STM32F407, 168 MHz.
-    F407, "f407", 48, limits([200e3, 70e3], [64, 28]), 280, 4, 16
+    F407, "f407", 48, limits([200e3, 70e3], [64, 28], 128), 280, 4, 16
 );
 board!(
     /// STM32H743, 480 MHz.
-    H743, "h743", 256, limits([500e3; 2], [64; 2]), 600, 10, 32
+    H743, "h743", 256, limits([500e3; 2], [64; 2], 256), 600, 10, 32
 );

@@ -844,7 +844,7 @@ struct Small;
 impl Profile for Small {
     const NAME: &'static str = "small";
     const VOICES: usize = 32;
-    const LIMITS: Limits = limits([3e4; 2], [64; 2]);
+    const LIMITS: Limits = limits([3e4; 2], [64; 2], 64);
     const BIRTHS_PER_BLOCK: u32 = 25;
     type Voices = [Voice; 32];
     const IDLE: Self::Voices = [Voice::IDLE; 32];

@@ -325,7 +325,7 @@ struct Tight;
 impl Profile for Tight {
     const NAME: &'static str = "tight";
     const VOICES: usize = 32;
-    const LIMITS: Limits = limits([1e5; 2], [64; 2]);
+    const LIMITS: Limits = limits([1e5; 2], [64; 2], 64);
     const BIRTHS_PER_BLOCK: u32 = 40;
     type Voices = [Voice; 32];
     const IDLE: Self::Voices = [Voice::IDLE; 32];

@@ -69,14 +69,14 @@ fn and_so_it_does_with_other_seeds() {
 
 #[test]
 fn the_f411_plays_as_the_desk_does_with_its_capacities() {
-    for name in ["light-rain", "river"] {
+    for name in ["light-rain", "river", "pour"] {
         compare(Desk::F411, name, 1, 1);
     }
 }
 
 #[test]
 fn the_h743_plays_as_the_desk_does_with_its_capacities() {
-    for name in ["cave-drip", "surf", "waterfall"] {
+    for name in ["cave-drip", "surf", "waterfall", "breaking-wave"] {
         compare(Desk::H743, name, 1, 2);
     }
 }

@@ -19,7 +19,7 @@ pub struct Desk;
 impl Profile for Desk {
     const NAME: &'static str = "desk";
     const VOICES: usize = 16_384;
-    const LIMITS: Limits = limits([1e6; 2], [CLASSES; 2]);
+    const LIMITS: Limits = limits([1e6; 2], [CLASSES; 2], H743::LIMITS.bubbles);
     const BIRTHS_PER_BLOCK: u32 = 8_192;
     type Voices = Vec<Voice>;
     const IDLE: Self::Voices = Vec::new();

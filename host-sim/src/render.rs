@@ -8,6 +8,7 @@ use std::time::{Duration, Instant};
 
 use anyhow::{Result, bail};
 use clap::Args;
+use freshet::cloud::Work;
 use freshet::fixed::{FULL_SCALE, PASCAL};
 use freshet::mix::Output;
 use freshet::param;
@@ -208,10 +209,20 @@ pub fn render(request: &Request, stop: &Arc<AtomicBool>) -> Result<Report> {
         interrupted: stopped && stop.load(Ordering::Relaxed),
         cuts: cuts(&source, &most),
         elapsed: begun.elapsed(),
-        lines: Vec::new(),
+        lines: cloud_line(job.player.cloud()).into_iter().collect(),
     };
     job.finish(request, &source.scene.title)?;
     Ok(report)
+}
+
+/// What a cloud has done, if there was one.
+fn cloud_line(work: Work) -> Option<String> {
+    (work.commits > 0).then(|| {
+        format!(
+            "cloud     {} changes, {} strikes too many or too strong",
+            work.commits, work.refused
+        )
+    })
 }
 
 /// See [`Report::cuts`].
@@ -224,6 +235,11 @@ fn cuts(source: &Source, limits: &Limits) -> Vec<(&'static str, f32, f32)> {
     let rows = [
         ("births a second", param::RATE, most.rate),
         ("radius classes", param::CLASSES, most.classes as f32),
+        (
+            "bubbles of a cloud",
+            param::CLOUD_BUBBLES,
+            limits.bubbles as f32,
+        ),
     ];
     let rows = rows.map(|(what, index, most)| (what, source.scene.value(index), most));
     let mut rows = rows.to_vec();
