@@ -129,9 +129,9 @@ impl<'a> Texture<'a> {
         }
         let mut last = 0.0;
         for i in 0..texture.rows {
-            let row = texture.row(i).filter(|row| {
-                is_positive(row.scale) && is_positive(row.speed) && row.speed > last
-            });
+            let row = texture
+                .row(i)
+                .filter(|row| is_positive(row.scale) && is_positive(row.speed) && row.speed > last);
             last = row.ok_or(TextureError::Row(i as u32))?.speed;
         }
         Ok(texture)

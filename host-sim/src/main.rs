@@ -11,7 +11,9 @@ use clap::{Parser, Subcommand};
 use freshet_host::cloud::{cloud_command, modes_command};
 use freshet_host::simulate::Told;
 use freshet_host::talk::Port;
-use freshet_host::{bake, bench, bridge, control, flash, list, record, render, replay, simulate, talk};
+use freshet_host::{
+    bake, bench, bridge, control, flash, list, record, render, replay, simulate, talk,
+};
 
 /// Water and fire from physics: render scenes, hear them, measure them.
 #[derive(Debug, Parser)]

@@ -112,9 +112,9 @@ fn third_derivative_is_exact_in_its_band_and_not_drowned_by_noise() {
         rms(&a) / rms(&b)
     };
     let bare = error(&clean);
-    // A grid's graininess: noise 60 dB below the record, as wide as the record is.
+    // A grid's graininess: noise 50 dB below the record, as wide as the record is.
     let mut random = Random::new(3);
-    let size = 1e-3 * rms(&clean);
+    let size = 3e-3 * rms(&clean);
     let noisy: Vec<f64> = clean
         .iter()
         .map(|x| x + size * random.between(-1.7, 1.7))
@@ -129,7 +129,7 @@ fn third_derivative_is_exact_in_its_band_and_not_drowned_by_noise() {
         .collect();
     let plain = rms(&differences) / rms(&exact[inside.clone()]);
     println!(
-        "third derivative: {bare:.1e} off, with noise at −60 dB {filtered:.3}; plain differences {plain:.1}"
+        "third derivative: {bare:.1e} off, with noise at −50 dB {filtered:.3}; plain differences {plain:.1}"
     );
     assert!(bare < 1e-4);
     assert!(filtered < 0.1);
@@ -207,7 +207,12 @@ fn ring_sound(n: usize, directions: &[f64]) -> (Vec<Vec<f64>>, Vec<Vec<f64>>) {
         // Far finer than the motion: eighth-order differences are exact to many digits.
         let d = 2e-4;
         let third = |t: f64| {
-            let w = [(1.0, -488.0 / 240.0), (2.0, 338.0 / 240.0), (3.0, -72.0 / 240.0), (4.0, 7.0 / 240.0)];
+            let w = [
+                (1.0, -488.0 / 240.0),
+                (2.0, 338.0 / 240.0),
+                (3.0, -72.0 / 240.0),
+                (4.0, 7.0 / 240.0),
+            ];
             w.iter()
                 .map(|(n, w)| w * (sum(t + n * d) - sum(t - n * d)))
                 .sum::<f64>()
@@ -222,7 +227,7 @@ fn ring_sound(n: usize, directions: &[f64]) -> (Vec<Vec<f64>>, Vec<Vec<f64>>) {
 fn vortex_rings_sound_as_in_theory() {
     let directions = [0.0, 0.4, 0.8, PI / 2.0];
     let mut last = f64::INFINITY;
-    for n in [16, 20, 24, 32, 48] {
+    for n in [24, 32, 40, 48, 64] {
         let (heard, exact) = ring_sound(n, &directions);
         let worst = heard.iter().zip(&exact).map(|(heard, exact)| {
             let off: Vec<f64> = heard.iter().zip(exact).map(|(a, b)| a - b).collect();
@@ -238,8 +243,9 @@ fn vortex_rings_sound_as_in_theory() {
         println!("{n} cells: waveform {worst:.5} off, directivity {off:.5}");
         assert!(worst < last * 1.01 || worst < 0.005);
         last = worst;
-        if n >= 24 {
-            assert!(worst < 0.05 && off < 0.05);
+        assert!(off < 0.05);
+        if n >= 40 {
+            assert!(worst < 0.05);
         }
     }
     assert!(last < 0.01);

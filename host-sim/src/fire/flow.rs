@@ -174,7 +174,10 @@ impl Flow {
             let layers = grid.moved(c);
             let (start, end) = (grid.at(0, 0, layers.start), grid.at(0, 0, layers.end));
             let push = &mut self.push[0][c];
-            for (push, now) in push[start..end].iter_mut().zip(&self.velocity[c][start..end]) {
+            for (push, now) in push[start..end]
+                .iter_mut()
+                .zip(&self.velocity[c][start..end])
+            {
                 *push -= now;
             }
             push[..start].fill(0.0);
@@ -219,7 +222,11 @@ impl Flow {
             let (from, force) = (&self.last[c], &self.force[c]);
             for k in grid.moved(c) {
                 // The upper end has nothing above it.
-                let above = if (k + 3) * layer > grid.len() { 0 } else { layer };
+                let above = if (k + 3) * layer > grid.len() {
+                    0
+                } else {
+                    layer
+                };
                 for j in 0..ny {
                     for i in 0..nx {
                         let at = grid.at(i, j, k);

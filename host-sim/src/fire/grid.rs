@@ -61,7 +61,11 @@ impl Grid {
     /// Where a component of cell `(i, j, k)` lies, in cells.
     pub fn place(component: usize, i: usize, j: usize, k: usize) -> [f64; 3] {
         let place = PLACE[component];
-        [i as f64 + place[0], j as f64 + place[1], k as f64 + place[2]]
+        [
+            i as f64 + place[0],
+            j as f64 + place[1],
+            k as f64 + place[2],
+        ]
     }
 
     /// Fills the layers beyond the ends: as they come round, or outside as at the end. What flows in is filled elsewhere.

@@ -57,7 +57,10 @@ impl Projection {
             }
         }
         let most = nx.max(ny).max(nz);
-        let scratch = fft.iter().flatten().map(|fft| fft.get_inplace_scratch_len());
+        let scratch = fft
+            .iter()
+            .flatten()
+            .map(|fft| fft.get_inplace_scratch_len());
         let scratch = scratch.max().unwrap_or(0);
         Self {
             grid,
@@ -118,7 +121,9 @@ impl Projection {
                 for j in 0..ny {
                     for i in 0..nx {
                         let inside = |i: usize, j: usize, k: usize| {
-                            self.phi.get((k * ny + j) * nx + i).map_or(0.0, |phi| phi.re)
+                            self.phi
+                                .get((k * ny + j) * nx + i)
+                                .map_or(0.0, |phi| phi.re)
                         };
                         let before = match component {
                             0 => inside((i + nx - 1) % nx, j, k),

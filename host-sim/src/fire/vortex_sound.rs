@@ -115,7 +115,13 @@ pub struct Band {
 /// So it is taken in the frequency domain, exactly within the band and smoothly to nothing at its end, which is also
 /// what makes the coarser places enough. The record need not come round: the first and last `margin` values are faded, and
 /// what lies there, and some periods of the band's slope further in, means nothing.
-pub fn third_derivative(record: &[f64], dt: f64, margin: usize, band: Band, stride: usize) -> Vec<f64> {
+pub fn third_derivative(
+    record: &[f64],
+    dt: f64,
+    margin: usize,
+    band: Band,
+    stride: usize,
+) -> Vec<f64> {
     let n = record.len() / stride * stride;
     if n == 0 {
         return Vec::new();
