@@ -82,59 +82,92 @@ impl Grid {
         }
     }
 
-    /// The eight neighbours of a point (in cells) within `component`, and their weights along x, y, z.
+    /// A component at a point (in cells) between its eight neighbours in proportion, and the least and greatest of them.
     #[inline(always)]
-    fn around(&self, component: usize, point: [f64; 3]) -> ([usize; 8], [f64; 3]) {
-        let [nx, ny, nz] = self.cells;
+    pub fn sample(&self, field: &[f64], component: usize, point: [f64; 3]) -> (f64, [f64; 2]) {
         let place = PLACE[component];
-        let (x, i) = turn(point[0] - place[0], nx);
-        let (y, j) = turn(point[1] - place[1], ny);
-        let mut up = point[2] - place[2];
-        if self.ends == Ends::Periodic {
-            let whole = nz as f64;
-            if up < 0.0 {
-                up += whole;
-            } else if up >= whole {
-                up -= whole;
-            }
-        }
-        let up = (up + 1.0).clamp(0.0, nz as f64 + 1.0);
-        // Not a number counts as 0.
-        let k = (up as usize).min(nz);
-        let z = up - k as f64;
-        let (i1, j1) = (
-            if i + 1 == nx { 0 } else { i + 1 },
-            if j + 1 == ny { 0 } else { j + 1 },
+        let near = self.near(
+            field,
+            self.turn(0, point[0] - place[0]),
+            self.turn(1, point[1] - place[1]),
+            self.rise(point[2] - place[2]),
         );
-        let (a, b) = ((k * ny + j) * nx, (k * ny + j1) * nx);
+        let least = near.0.iter().copied().fold(f64::INFINITY, f64::min);
+        let most = near.0.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+        (mix(near), [least, most])
+    }
+
+    /// All three components at a point (in cells).
+    #[inline(always)]
+    pub fn velocity(&self, fields: &[Vec<f64>; 3], [x, y, z]: [f64; 3]) -> [f64; 3] {
+        // Faces lie half a cell before the middles.
+        let (x_face, x_mid) = (self.turn(0, x), self.turn(0, x - 0.5));
+        let (y_face, y_mid) = (self.turn(1, y), self.turn(1, y - 0.5));
+        let (z_face, z_mid) = (self.rise(z), self.rise(z - 0.5));
+        [
+            mix(self.near(&fields[0], x_face, y_mid, z_mid)),
+            mix(self.near(&fields[1], x_mid, y_face, z_mid)),
+            mix(self.near(&fields[2], x_mid, y_mid, z_face)),
+        ]
+    }
+
+    /// A place along a periodic axis: the cell, the next one, and the part between. Never further than a box outside.
+    #[inline(always)]
+    fn turn(&self, axis: usize, x: f64) -> Between {
+        let n = self.cells[axis];
+        let whole = n as f64;
+        let x = if x < 0.0 {
+            x + whole
+        } else if x >= whole {
+            x - whole
+        } else {
+            x
+        };
+        // Rounding may leave it at the end; not a number counts as 0.
+        let low = (x as i32 as usize).min(n - 1);
+        let high = if low + 1 == n { 0 } else { low + 1 };
+        Between {
+            low,
+            high,
+            part: x - low as f64,
+        }
+    }
+
+    /// A place along the flow, by the layers of a field; beyond the outer ones it is as there.
+    #[inline(always)]
+    fn rise(&self, z: f64) -> Between {
+        let whole = self.cells[2] as f64;
+        let z = match self.ends {
+            Ends::Periodic if z < 0.0 => z + whole,
+            Ends::Periodic if z >= whole => z - whole,
+            _ => z,
+        };
+        let z = (z + 1.0).max(0.0).min(whole + 1.0);
+        let low = (z as i32 as usize).min(self.cells[2]);
+        Between {
+            low,
+            high: low + 1,
+            part: z - low as f64,
+        }
+    }
+
+    /// The eight neighbours, and how far the point is from the first of them.
+    #[inline(always)]
+    fn near(&self, field: &[f64], x: Between, y: Between, z: Between) -> ([f64; 8], [f64; 3]) {
+        let [nx, ny, _] = self.cells;
+        let (a, b) = ((z.low * ny + y.low) * nx, (z.low * ny + y.high) * nx);
         let layer = nx * ny;
-        let (c, d) = (a + layer, b + layer);
-        (
-            [a + i, a + i1, b + i, b + i1, c + i, c + i1, d + i, d + i1],
-            [x, y, z],
-        )
-    }
-
-    /// A component at a point (in cells), between its neighbours in proportion.
-    #[inline(always)]
-    pub fn sample(&self, field: &[f64], component: usize, point: [f64; 3]) -> f64 {
-        let (near, weight) = self.around(component, point);
-        mix(near.map(|at| field[at]), weight)
-    }
-
-    /// The same, with the least and the greatest of the neighbours.
-    #[inline(always)]
-    pub fn sample_between(
-        &self,
-        field: &[f64],
-        component: usize,
-        point: [f64; 3],
-    ) -> (f64, f64, f64) {
-        let (near, weight) = self.around(component, point);
-        let near = near.map(|at| field[at]);
-        let least = near.iter().copied().fold(f64::INFINITY, f64::min);
-        let most = near.iter().copied().fold(f64::NEG_INFINITY, f64::max);
-        (mix(near, weight), least, most)
+        let near = [
+            field[a + x.low],
+            field[a + x.high],
+            field[b + x.low],
+            field[b + x.high],
+            field[a + layer + x.low],
+            field[a + layer + x.high],
+            field[b + layer + x.low],
+            field[b + layer + x.high],
+        ];
+        (near, [x.part, y.part, z.part])
     }
 
     /// `point` moved by `velocity` for `cells_a_unit`, not further than a few cells.
@@ -148,26 +181,26 @@ impl Grid {
     }
 }
 
-/// A place along a periodic axis: the part of a cell, and the cell. A point is never further than a box outside.
-#[inline(always)]
-fn turn(x: f64, n: usize) -> (f64, usize) {
-    let whole = n as f64;
-    let x = if x < 0.0 {
-        x + whole
-    } else if x >= whole {
-        x - whole
-    } else {
-        x
-    };
-    // Rounding may leave it at the end; not a number counts as 0.
-    let i = (x as usize).min(n - 1);
-    (x - i as f64, i)
+/// Two neighbours along an axis, and the part of the way from one to the other.
+#[derive(Clone, Copy)]
+struct Between {
+    low: usize,
+    high: usize,
+    part: f64,
 }
 
 #[inline(always)]
-fn mix(near: [f64; 8], [x, y, z]: [f64; 3]) -> f64 {
-    let along = |a: f64, b: f64| a + x * (b - a);
-    let low = along(near[0], near[1]) * (1.0 - y) + along(near[2], near[3]) * y;
-    let high = along(near[4], near[5]) * (1.0 - y) + along(near[6], near[7]) * y;
-    low * (1.0 - z) + high * z
+fn mix((near, [x, y, z]): ([f64; 8], [f64; 3])) -> f64 {
+    let between = |a: f64, b: f64, part: f64| a + part * (b - a);
+    let low = between(
+        between(near[0], near[1], x),
+        between(near[2], near[3], x),
+        y,
+    );
+    let high = between(
+        between(near[4], near[5], x),
+        between(near[6], near[7], x),
+        y,
+    );
+    between(low, high, z)
 }
