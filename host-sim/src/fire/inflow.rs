@@ -108,11 +108,11 @@ impl Inflow {
         }
     }
 
-    /// The whole box full of it at time 0, to begin with.
-    pub fn fill_box(&self, velocity: &mut [Vec<f64>; 3]) {
+    /// The whole box full of it, as if nothing but the mean flow carried it.
+    pub fn fill_box(&self, velocity: &mut [Vec<f64>; 3], t: f64) {
         for (component, field) in velocity.iter_mut().enumerate() {
             for layer in 0..self.grid.cells[2] + 2 {
-                self.layer(field, component, layer, 0.0);
+                self.layer(field, component, layer, t);
             }
         }
     }

@@ -11,7 +11,7 @@ use super::energy_spectrum::EnergySpectrum;
 use super::fire_file::Fire;
 use super::flow::{Flow, Forces, Spent, State};
 use super::inflow::Inflow;
-use super::vortex_sound::{Band, Moment, Volume, pressure, third_derivative, toward};
+use super::vortex_sound::{Band, Moments, Volume, pressure, third_derivative, toward};
 
 /// Cells in the shortest period that is heard.
 const SHORTEST: f64 = 4.0;
@@ -23,8 +23,9 @@ pub const STEPS: usize = 3;
 const MARGIN: usize = 64;
 /// Part of the loop over which its end goes over into its beginning.
 const FADE: f64 = 1.0 / 8.0;
-/// Part of an axis over which the source volume is windowed at either end: across, and along the flow.
-const TAPER: [f64; 3] = [0.25, 0.25, 0.35];
+/// The source volume is windowed all the way, from either end to the middle: the smoother, the less is heard of what
+/// merely passes.
+pub const TAPER: [f64; 3] = [0.5; 3];
 /// Flow-throughs compared to tell whether the flow is steady, and how alike the mean energies must be.
 const COMPARED: usize = 4;
 const ALIKE: f64 = 0.1;
@@ -86,7 +87,7 @@ pub struct Progress {
     /// Whether it is.
     pub settled: bool,
     /// The source after each step from then on.
-    pub moments: Vec<Moment>,
+    pub moments: Vec<Moments>,
     /// Energy after each of them.
     pub energies: Vec<f64>,
     /// By size of the eddies.
@@ -121,7 +122,7 @@ impl Row {
             viscosity: fire.viscosity,
         };
         let mut flow = Flow::new(grid, forces);
-        inflow.fill_box(&mut flow.velocity);
+        inflow.fill_box(&mut flow.velocity, 0.0);
         flow.start();
         Self {
             plan: Plan::new(fire, speed),
@@ -174,7 +175,7 @@ impl Row {
                 progress.settled = patience || is_steady(&progress.settling, crossing);
             }
         } else {
-            progress.moments.push(self.volume.moment(&self.flow.omega));
+            progress.moments.push(self.volume.moments(&self.flow.omega));
             progress.energies.push(energy);
             if progress.moments.len().is_multiple_of(crossing.div_ceil(4)) {
                 progress.spectrum.add(&self.flow.grid, &self.flow.velocity);
@@ -188,7 +189,7 @@ impl Row {
     /// The pressure at 1 m toward a receiver, as a loop, Pa.
     pub fn sound(&self, receiver: [f64; 3]) -> Vec<f64> {
         let record = &self.progress.moments;
-        let record: Vec<f64> = record.iter().map(|m| toward(m, receiver)).collect();
+        let record: Vec<[f64; 4]> = record.iter().map(|m| toward(m, receiver)).collect();
         let Plan {
             samples,
             fade,
@@ -196,7 +197,7 @@ impl Row {
             band,
             ..
         } = self.plan;
-        let third = third_derivative(&record, dt, MARGIN * STEPS / 2, band, STEPS);
+        let third = third_derivative(&record, self.speed, dt, MARGIN * STEPS / 2, band, STEPS);
         let heard: Vec<f64> = third[MARGIN..MARGIN + samples + fade]
             .iter()
             .map(|third| pressure(*third))
