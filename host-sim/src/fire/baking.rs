@@ -157,7 +157,22 @@ impl Kept {
         name.push(".rows");
         let folder = PathBuf::from(name);
         fs::create_dir_all(&folder).map_err(|error| write_error(folder.display(), &error))?;
-        let key = postcard::to_stdvec(&(VERSION, env!("CARGO_PKG_VERSION"), fire))?;
+        // Receivers and bits come after the flow: other ones take what is kept.
+        let Fire {
+            width,
+            cells,
+            perturbation,
+            eddy,
+            confinement,
+            viscosity,
+            speeds,
+            seconds,
+            seed,
+            ..
+        } = fire;
+        let flow = (width, cells, perturbation, eddy, confinement, viscosity);
+        let version = (VERSION, env!("CARGO_PKG_VERSION"));
+        let key = postcard::to_stdvec(&(version, flow, speeds, seconds, seed))?;
         Ok(Self { folder, key })
     }
 

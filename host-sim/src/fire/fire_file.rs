@@ -24,7 +24,7 @@ use std::ops::RangeInclusive;
 
 use anyhow::{Result, anyhow};
 use freshet::texture::ROWS;
-use serde::{Deserialize, Serialize};
+use serde::Deserialize;
 use toml::Spanned;
 
 use super::grid::{Ends, Grid};
@@ -36,7 +36,7 @@ const CELLS: RangeInclusive<usize> = 8..=256;
 const RECEIVERS: usize = 32;
 
 /// What a fire is baked from. SI units.
-#[derive(Clone, Debug, PartialEq, Serialize)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct Fire {
     /// The name for people.
     pub title: String,

@@ -253,3 +253,32 @@ fn closed(sound: &[f64], samples: usize) -> Vec<f64> {
     }
     closed
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_flow_that_still_grows_is_not_steady() {
+        let crossing = 10;
+        let energies = |of: fn(f64) -> f64| -> Vec<f64> {
+            (0..2 * COMPARED * crossing).map(|i| of(i as f64)).collect()
+        };
+        assert!(!is_steady(&energies(|i| i), crossing));
+        assert!(!is_steady(&energies(|i| (-i / 40.0).exp()), crossing));
+        assert!(is_steady(
+            &energies(|i| 1.0 + 0.5 * (i * 0.7).sin()),
+            crossing
+        ));
+        // Not yet to be told.
+        assert!(!is_steady(&energies(|_| 1.0)[1..], crossing));
+    }
+
+    #[test]
+    fn a_loop_begins_as_its_end_goes_on() {
+        let sound: Vec<f64> = (0..120).map(f64::from).collect();
+        let closed = closed(&sound, 100);
+        assert_eq!((closed[0], closed[99]), (100.0, 99.0));
+        assert_eq!(closed[20..], sound[20..100]);
+    }
+}
