@@ -1,5 +1,5 @@
 #!/bin/sh
-# Draws the pictures of docs/scenes.md and docs/clouds.md anew. With pngquant on the path they become a third of the size.
+# Draws the pictures of docs/scenes.md, docs/clouds.md and docs/fire.md anew. With pngquant on the path they become a third of the size.
 set -eu
 cd "$(dirname "$0")/.."
 work=$(mktemp -d)
@@ -26,5 +26,11 @@ cargo freshet render "$work/pour.txt" --uncoupled -o "$sound" --spectrogram docs
 cargo freshet cloud "$work/c.csv" --count 128 --ball 40
 cargo freshet modes "$work/c.csv" --plot docs/pictures/modes.png
 for picture in cloud-coupled cloud-uncoupled modes; do
+    small "docs/pictures/$picture.png"
+done
+
+cargo freshet bake fires/campfire.toml -o "$work/campfire.texture" --slice docs/pictures/fire-slice.png \
+    --energy docs/pictures/fire-energy.png --spectrogram docs/pictures/fire-rows.png
+for picture in fire-slice fire-energy fire-rows; do
     small "docs/pictures/$picture.png"
 done

@@ -107,6 +107,7 @@ fn tones(dt: f64, count: usize, hertz: &[f64]) -> (Vec<f64>, Vec<f64>) {
 fn third_derivative_is_exact_in_its_band_and_not_drowned_by_noise() {
     let (dt, count, stride, margin) = (1.0 / 3000.0, 6000, 3, 600);
     let band = Band {
+        from: 0.0,
         pass: 200.0,
         stop: 300.0,
     };
@@ -192,6 +193,7 @@ fn ring_sound(n: usize, directions: &[f64]) -> (Vec<Vec<f64>>, Vec<Vec<f64>>) {
     let (gamma, core, omega) = (0.3, 0.005, TAU * 25.0);
     let (dt, count, margin) = (1.0 / 600.0, 240, 48);
     let band = Band {
+        from: 0.0,
         pass: 180.0,
         stop: 290.0,
     };

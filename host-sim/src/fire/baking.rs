@@ -31,14 +31,12 @@ const VERSION: u32 = 1;
 /// A fire that says something wrong; files that cannot be written.
 pub fn bake(request: &Request, name: &str, text: &str, stop: &AtomicBool) -> Result<Report> {
     let fire = Fire::parse(name, text)?;
-    // Before the work, not after it.
     let output = &request.output;
-    let failed = |path: &Path, error: &io::Error| write_error(path.display(), error);
-    File::options()
-        .append(true)
-        .create(true)
-        .open(output)
-        .map_err(|error| failed(output, &error))?;
+    let failed = |error: &io::Error| write_error(output.display(), error);
+    // Before the work, not after it.
+    if output.is_dir() {
+        return Err(failed(&io::ErrorKind::IsADirectory.into()));
+    }
     let kept = Kept::beside(output, &fire)?;
     let start = Instant::now();
     let (rows, resumed) = rows(&fire, &kept, stop)?;
@@ -57,7 +55,7 @@ pub fn bake(request: &Request, name: &str, text: &str, stop: &AtomicBool) -> Res
     }
     let loops = loops(&fire, &done);
     let bytes = texture::write(&loops, fire.seconds, fire.bits)?;
-    replace(output, &bytes).map_err(|error| failed(output, &error))?;
+    replace(output, &bytes).map_err(|error| failed(&error))?;
     if let Some(path) = &request.slice {
         picture::slice(path, &fire, done.last())?;
     }
@@ -105,11 +103,10 @@ pub fn rows(fire: &Fire, kept: &Kept, stop: &AtomicBool) -> Result<(Vec<Row>, bo
             .unwrap_or_else(|_| ProgressStyle::default_bar());
     bar.set_style(style);
     let resumed = AtomicBool::new(false);
-    // The fastest ones first: they take longest.
+    // One by one, the fastest first: they take longest.
     let mut rows = (0..fire.speeds.len())
-        .into_par_iter()
         .rev()
-        .with_max_len(1)
+        .par_bridge()
         .map(|index| {
             let mut row = Row::new(fire, fire.speeds[index], index);
             if kept.load(index, &mut row) {
@@ -132,11 +129,12 @@ pub fn rows(fire: &Fire, kept: &Kept, stop: &AtomicBool) -> Result<(Vec<Row>, bo
                 }
             }
             kept.save(index, &row)?;
-            Ok(row)
+            Ok((index, row))
         })
         .collect::<Result<Vec<_>>>()?;
     bar.finish_and_clear();
-    rows.reverse();
+    rows.sort_by_key(|(index, _)| *index);
+    let rows = rows.into_iter().map(|(_, row)| row).collect();
     Ok((rows, resumed.into_inner()))
 }
 
@@ -156,7 +154,12 @@ impl Kept {
         let mut name = output.as_os_str().to_owned();
         name.push(".rows");
         let folder = PathBuf::from(name);
-        fs::create_dir_all(&folder).map_err(|error| write_error(folder.display(), &error))?;
+        match fs::create_dir(&folder) {
+            Err(error) if error.kind() != io::ErrorKind::AlreadyExists => {
+                return Err(write_error(folder.display(), &error));
+            }
+            _ => {}
+        }
         // Receivers and bits come after the flow: other ones take what is kept.
         let Fire {
             width,

@@ -67,6 +67,7 @@ impl Plan {
             crossing: (height / speed / dt).ceil() as usize,
             recorded: (samples + fade + 2 * MARGIN) * STEPS,
             band: Band {
+                from: speed / height,
                 pass: 0.7 * stop,
                 stop,
             },

@@ -150,12 +150,14 @@ pub fn pressure(third: f64) -> f64 {
     DENSITY / (12.0 * PI * SOUND * SOUND) * third
 }
 
-/// The band a derivative is taken in, Hz: untouched up to the first, nothing from the second on.
+/// The band a derivative is taken in, Hz.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Band {
-    /// All of it.
+    /// All from here on, nothing below the half of it. What takes longer than eddies stay in the volume is not known.
+    pub from: f64,
+    /// All up to here.
     pub pass: f64,
-    /// None of it.
+    /// Nothing from here on.
     pub stop: f64,
 }
 
@@ -204,8 +206,14 @@ pub fn third_derivative(
         {
             let f = bin as f64 / (n as f64 * dt);
             let slope = ((f - band.pass) / (band.stop - band.pass)).max(0.0);
+            let rise = if band.from > 0.0 {
+                (2.0 * f / band.from - 1.0).max(0.0)
+            } else {
+                1.0
+            };
+            let kept = smooth(rise)[0] * (1.0 - smooth(slope)[0]);
             let gain = Complex::new(0.0, 2.0 * PI * f).powi(3 - part as i32);
-            *to += from * gain * (whole * (1.0 - smooth(slope)[0]));
+            *to += from * gain * (whole * kept);
         }
     }
     back.process(&mut narrow, &mut out)
@@ -213,16 +221,12 @@ pub fn third_derivative(
     out
 }
 
-/// A series without its trend, which would be a step for the transform, faded at both ends.
+/// A series faded at both ends. It keeps its trend: without it the four parts would no longer cancel.
 fn faded(mut series: Vec<f64>, margin: usize) -> Vec<f64> {
     let n = series.len();
-    let margin = margin.clamp(1, n);
-    let mean = |part: &[f64]| part.iter().sum::<f64>() / part.len() as f64;
-    let (first, last) = (mean(&series[..margin]), mean(&series[n - margin..]));
     for (i, x) in series.iter_mut().enumerate() {
-        let line = first + (last - first) * (i as f64 + 0.5) / n as f64;
         let end = i.min(n - 1 - i) as f64 + 0.5;
-        *x = (*x - line) * smooth(end / margin as f64)[0];
+        *x *= smooth(end / margin.max(1) as f64)[0];
     }
     series
 }
