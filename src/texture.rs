@@ -15,6 +15,7 @@
 //! At a row's offset lie its variants one after another, each a loop of as many signed samples. Numbers are
 //! little-endian, nothing need be aligned. Each row has the rate that its bandwidth asks for, but all loops last equally
 //! long: one phase, a fraction of the period, places a source in every row.
+#![forbid(unsafe_code)]
 
 use crate::bank;
 
