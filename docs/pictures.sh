@@ -1,6 +1,6 @@
 #!/bin/sh
-# Draws the pictures of docs/scenes.md, docs/clouds.md and the glass of docs/transfer.md anew. With pngquant on the path
-# they become a third of the size.
+# Draws the pictures of docs/scenes.md, docs/clouds.md, docs/fire.md and the glass of docs/transfer.md anew. With pngquant
+# on the path they become a third of the size.
 set -eu
 cd "$(dirname "$0")/.."
 work=$(mktemp -d)
@@ -31,3 +31,8 @@ for picture in cloud-coupled cloud-uncoupled modes; do
 done
 cargo freshet vessel vessels/glass.toml --plot docs/pictures/vessel-glass.png >/dev/null
 small docs/pictures/vessel-glass.png
+cargo freshet bake fires/campfire.toml -o "$work/campfire.texture" --slice docs/pictures/fire-slice.png \
+    --energy docs/pictures/fire-energy.png --spectrogram docs/pictures/fire-rows.png
+for picture in fire-slice fire-energy fire-rows; do
+    small "docs/pictures/$picture.png"
+done

@@ -31,6 +31,7 @@ pub mod stats;
 pub mod storage;
 pub mod swell;
 pub mod synth;
+pub mod texture;
 pub mod update;
 pub mod voices;
 

@@ -6,6 +6,8 @@ pub mod built_in;
 pub mod scene_file;
 
 #[cfg(feature = "command")]
+pub mod bake;
+#[cfg(feature = "command")]
 pub mod bench;
 #[cfg(feature = "sound")]
 pub mod births;
@@ -21,6 +23,8 @@ pub mod client;
 pub mod cloud;
 #[cfg(feature = "command")]
 pub mod control;
+#[cfg(feature = "command")]
+pub mod fire;
 #[cfg(feature = "command")]
 pub mod flash;
 #[cfg(feature = "command")]

@@ -12,7 +12,9 @@ use freshet_host::cloud::{cloud_command, modes_command};
 use freshet_host::simulate::Told;
 use freshet_host::talk::Port;
 use freshet_host::transfer::command as transfer;
-use freshet_host::{bench, bridge, control, flash, list, record, render, replay, simulate, talk};
+use freshet_host::{
+    bake, bench, bridge, control, flash, list, record, render, replay, simulate, talk,
+};
 
 /// Water and fire from physics: render scenes, hear them, measure them.
 #[derive(Debug, Parser)]
@@ -26,6 +28,8 @@ struct Cli {
 enum Command {
     /// Render a scene, bubble events or bubble tracks to a WAV
     Render(Box<render::Request>),
+    /// Compute what a board keeps in flash: the sound texture of a fire
+    Bake(bake::Request),
     /// The pitches of a cloud of bubbles that hear each other
     Modes(modes_command::Request),
     /// Make a synthetic cloud, or a stream of bubble tracks
@@ -127,6 +131,10 @@ fn run(cli: Cli) -> Result<ExitCode> {
         Command::Render(request) => {
             let report = render::render(&request, &on_ctrl_c()?)?;
             finished(&report.output, &report.summary(), report.interrupted)
+        }
+        Command::Bake(request) => {
+            let report = bake::bake(&request, &*on_ctrl_c()?)?;
+            finished(&request.output, &report.summary, report.interrupted)
         }
         Command::Modes(request) => say(&modes_command::run(&request)?),
         Command::Cloud(request) => match cloud_command::run(&request)?.as_str() {
