@@ -14,13 +14,13 @@ fi
 step cargo fmt --all --check
 step cargo clippy --all-targets --features freshet-host/flash -- --deny warnings
 RUSTDOCFLAGS='--deny warnings' step cargo doc --no-deps
+# Without logs, on the board with the least flash; the builds below are what the emulator boots.
+step cargo field-f411
 for board in f407 f411 h743; do
     step cargo clippy --profile firmware --package freshet-firmware --target "$target" \
         --no-default-features --features "$board,rtt,usb" -- --deny warnings
     step cargo "build-$board"
 done
-# Without logs, on the board with the least flash.
-step cargo field-f411
 step cargo test
 # The same samples from an optimised build and from one as a debugger wants it.
 step cargo test --package freshet-builds --release

@@ -52,7 +52,7 @@ pub struct Commit {
 pub struct Changed {
     /// Which cluster.
     pub cluster: u8,
-    /// For each bubble, its place among those of all that change, or [`NOBODY`].
+    /// For each bubble, its place among those of all that change, or 255: a bubble at rest.
     pub from: [u8; MEMBERS],
 }
 
@@ -65,7 +65,7 @@ pub struct Retired {
     pub to: u8,
     /// How it rings, alone.
     pub mode: Mode,
-    /// See [`Shape`](crate::kernel::cloud::Shape).
+    /// Its inverse gauge, Q23: see the kernel's `Shape`.
     pub inverse: i32,
 }
 
