@@ -710,7 +710,11 @@ fn typed_keys_change_the_sound_of_a_board_and_it_may_be_unplugged() {
             .is_some_and(|line| line.contains("cave-drip"))
     });
     tui.type_in("\t\r0.8\r");
-    tui.type_in("\x1b[F\x1b[A\r-4.5\r");
+    // Up from the last one to mix.tone.
+    tui.type_in("\x1b[F");
+    let up = param::WEIGHT - 1 - param::TONE;
+    tui.type_in(&"\x1b[A".repeat(up));
+    tui.type_in("\r-4.5\r");
     tui.shows("-4.5 dB");
     tui.type_in("q");
     assert_eq!(tui.ends(), 0);

@@ -253,7 +253,7 @@ fn refusal(text: &str) -> String {
 
 #[test]
 fn what_is_missing_is_told_with_its_line() {
-    let (greeting, _) = Session::new(Board::F407, 1, 7).text();
+    let (greeting, _) = Session::new(Board::F407, 2, 7).text();
     for (text, words) in [
         (
             "ok set mix.level=-6 at 256\n".to_owned(),

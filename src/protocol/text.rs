@@ -316,8 +316,9 @@ impl Display for Shown {
     fn fmt(&self, f: &mut Formatter<'_>) -> fmt::Result {
         match self.0.kind {
             Kind::Choice(names) => match names.get(self.1 as usize) {
-                Some(name) => f.write_str(name),
-                None => self.1.fmt(f),
+                // Only itself: -6 is not the first one.
+                Some(name) if self.1 as usize as f32 == self.1 => f.write_str(name),
+                _ => self.1.fmt(f),
             },
             Kind::Real | Kind::Whole => self.1.fmt(f),
         }
