@@ -106,6 +106,10 @@ pub struct Work {
     pub groups: usize,
     /// Commits so far.
     pub commits: u32,
+    /// Clusters that they changed.
+    pub changed: u32,
+    /// Forces so far.
+    pub forces: u32,
     /// Steps of forces so far.
     pub pushes: u32,
     /// Forces that were not felt: too many, or too much energy.
@@ -186,6 +190,8 @@ impl<S: Hold> Cloud<S> {
             work: Work {
                 groups: 0,
                 commits: 0,
+                changed: 0,
+                forces: 0,
                 pushes: 0,
                 refused: 0,
             },
@@ -217,6 +223,7 @@ impl<S: Hold> Cloud<S> {
         }
         if !message.forces.is_empty() {
             let mut energy = self.energy();
+            self.work.forces = self.work.forces.wrapping_add(message.forces.len() as u32);
             for force in &message.forces {
                 energy += force.energy;
                 self.push(force, energy);
@@ -317,6 +324,8 @@ impl<S: Hold> Cloud<S> {
     #[inline(never)]
     fn commit(&mut self, commit: &Commit) {
         self.work.commits = self.work.commits.wrapping_add(1);
+        let changed = commit.changed.len() as u32;
+        self.work.changed = self.work.changed.wrapping_add(changed);
         let before = self.ears();
         let old = self.groups * GROUP;
         let parts = self.store.parts();

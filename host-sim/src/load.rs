@@ -13,7 +13,7 @@ use freshet::{BLOCK, Frame};
 use crate::board::{Board, Player};
 
 /// What is counted in a block.
-pub const COUNTED: [&str; 17] = [
+pub const COUNTED: [&str; 20] = [
     "block",
     "first block of a tick",
     "block with sound in it",
@@ -29,14 +29,17 @@ pub const COUNTED: [&str; 17] = [
     "voice that fades",
     "group of a cloud's clusters",
     "the same, squared",
-    "change of a cloud",
+    "commit of a cloud",
+    "cluster that it changes",
+    "group of clusters in a tick with forces",
+    "force on a cloud",
     "step of a force on a cloud",
 ];
 
 /// Instructions that each of [`COUNTED`] takes.
 pub const COST: [f64; COUNTED.len()] = [
-    2011.0, 416.0, 1850.0, 2764.0, 1190.0, 1630.0, 424.0, 70.0, 93.0, 155.0, 564.0, 411.0, 3088.0,
-    15449.0, 205.0, 7008.0, 176.0,
+    2014.0, 401.0, 1853.0, 2814.0, 1224.0, 1597.0, 421.0, 76.0, 91.0, 153.0, 568.0, 411.0, 3084.0,
+    15392.0, 145.0, 1869.0, 2724.0, 1408.0, 138.0, 188.0,
 ];
 
 /// Frames in which a stolen voice fades.
@@ -104,6 +107,7 @@ impl Meter {
     pub fn block(&mut self, player: &dyn Player, block: &[Frame]) -> Counts {
         let (stats, before) = (player.stats(), self.before);
         let cloud = player.cloud();
+        let forces = cloud.forces - self.cloud.forces;
         let now = (self.blocks + 1) * BLOCK as u64;
         self.fades.retain(|end| *end > now);
         let stolen = (stats.stolen - before.stolen) as usize;
@@ -128,6 +132,9 @@ impl Meter {
             cloud.groups as f64,
             (cloud.groups * cloud.groups) as f64,
             f64::from(cloud.commits - self.cloud.commits),
+            f64::from(cloud.changed - self.cloud.changed),
+            is(forces > 0) * cloud.groups as f64,
+            f64::from(forces),
             f64::from(cloud.pushes - self.cloud.pushes),
         ];
         let cost: f64 = (counts.iter().zip(COST))
